@@ -1,8 +1,8 @@
-//! The modules as firmware: whether the core crates can be there at all, and the images.
+//! The modules as firmware: whether the core crates can be built for it at all, and the images.
 //!
-//! `toolchain.rs` knows what compiles for a Cortex-M3 on this machine, `image.rs` builds a
-//! board's image for a family, `size.rs` keeps the table of what they need, `stack.rs`
-//! finds how much stack that is, and `trial.rs` runs them in QEMU.
+//! `toolchain.rs` finds what compiles for a Cortex-M3 on this machine, `image.rs` builds a board's
+//! image for a family, `size.rs` maintains the table of sizes, `stack.rs` computes the stack, and
+//! `trial.rs` runs the images in QEMU.
 
 mod elf;
 mod image;
@@ -18,7 +18,7 @@ use toolchain::{TARGET, build, choose};
 pub(crate) use toolchain::{linker_there, target_installed};
 pub(crate) use trial::demo;
 
-/// Crates that a module's firmware takes.
+/// Crates that a module's firmware uses.
 const CRATES: &[&str] = &["wire", "device", "nvm", "bus"];
 
 /// Builds the core crates for the target.
@@ -49,9 +49,9 @@ pub(crate) fn run(root: &Path, args: &[String]) -> Result<()> {
     }
 }
 
-/// What a whole test run does: the tests of what boards share, and of the codecs as boards have
-/// them, the images of every family for every board, also for those that nothing here can run,
-/// and the trials in QEMU.
+/// The step of a whole test run: the tests of what boards share, and of the codecs as boards use
+/// them, the images of every family for every board, also for those that can't be run here, and the
+/// trials in QEMU.
 pub(crate) fn step(root: &Path) -> Result<()> {
     let args = ["test", "--manifest-path", "firmware/Cargo.toml"];
     run::run(&mut run::cargo(root, &args))?;

@@ -1,11 +1,11 @@
-//! The project's own commands, so that nobody has to remember a shell line:
-//! `cargo xtask demo`, `cargo xtask test`, `cargo xtask tidy` and the rest.
+//! The project's own commands, so that nobody has to remember a shell line: `cargo xtask demo`,
+//! `cargo xtask test`, `cargo xtask tidy` and the rest.
 //!
-//! Where to look: [`COMMANDS`] is the list of commands, `test.rs` the list of steps of a whole
-//! test run, `tidy/mod.rs` the list of checks, `programs.rs` the list of programs that other
-//! folders bring, `peers.rs` the list of foreign programs that the tests talk to.
+//! Where to look: [`COMMANDS`] is the list of commands, `test.rs` the list of steps of a whole test
+//! run, `tidy/mod.rs` the list of checks, `programs.rs` the list of programs in other folders,
+//! `peers.rs` the list of third-party programs that the tests talk to.
 
-// A command line tool talks on standard output and standard error.
+// A command line tool prints to standard output and standard error.
 #![allow(clippy::print_stdout, clippy::print_stderr)]
 
 mod firmware;
@@ -28,7 +28,7 @@ struct Command {
     name: &'static str,
     /// One line for `--help`.
     help: &'static str,
-    /// Gets the root of the repository and the arguments after the command's name.
+    /// Takes the root of the repository and the arguments after the command's name.
     run: fn(&Path, &[String]) -> Result<()>,
 }
 
@@ -128,7 +128,7 @@ fn usage() -> String {
     text
 }
 
-/// Refuses arguments where a command takes none: a mistyped flag must not be ignored.
+/// Refuses arguments of commands that take none: a mistyped flag must not be ignored.
 fn no_arguments(args: &[String]) -> Result<()> {
     match args.first() {
         None => Ok(()),

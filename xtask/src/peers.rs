@@ -1,8 +1,8 @@
-//! Foreign programs that the tests talk to: a master and a slave that others wrote are better
+//! Third-party programs that the tests talk to: a master and a slave written by others are better
 //! judges of our frames than our own two ends, which could share one misreading.
 //!
-//! Installing is done only where it asks nobody anything: as root, or with a sudo that wants no
-//! password. Otherwise the one line to run is printed.
+//! They are installed only if that needs no interaction: as root, or with passwordless sudo.
+//! Otherwise the command to run is printed.
 
 use std::path::{Path, PathBuf};
 
@@ -43,13 +43,13 @@ const DEBIAN: &[Packages] = &[
     },
 ];
 
-/// Python packages: what pip is asked for, and the name and version start that must be there.
+/// Python packages: what pip installs, and the name and version prefix that must be there.
 const PYTHON: &[(&str, &str, &str)] = &[
     ("pymodbus==3.*", "pymodbus", "3."),
     ("pyserial", "pyserial", ""),
-    // Reads `/metrics`.
+    // Parses `/metrics`.
     ("prometheus-client>=0.20", "prometheus_client", ""),
-    // Asks the API what its document allows, and what it does not.
+    // Sends the API what its document allows, and what it does not.
     ("schemathesis==4.*", "schemathesis", "4."),
 ];
 
@@ -58,7 +58,7 @@ pub(crate) fn python(root: &Path) -> PathBuf {
     root.join("target/interop-venv/bin/python")
 }
 
-/// Makes sure that every peer is there; installs what is missing where that asks nobody.
+/// Makes sure that every peer is there; installs what is missing if that needs no interaction.
 pub(crate) fn install(root: &Path) -> Result<()> {
     debian(root)?;
     python_packages(root)
@@ -85,7 +85,7 @@ fn debian(root: &Path) -> Result<()> {
             format!("run `{by_hand}`, or test without them: `cargo xtask test --without-peers`"),
         ));
     };
-    // Stale lists still install what they know: only the installation itself may fail the step.
+    // Outdated lists may suffice: only the installation itself may fail the step.
     if let Err(error) = apt(root, &prefix, &["update"]) {
         println!("note: {error}; going on with the package lists that are here");
     }
@@ -102,7 +102,7 @@ fn apt(root: &Path, prefix: &[&str], args: &[&str]) -> Result<()> {
     run::run(run::program(root, words[0]).args(&words[1..]))
 }
 
-/// What to put before a command that must be root, or nothing where we cannot be.
+/// The prefix of commands that need root; none if we can't become root.
 fn privileges(root: &Path) -> Option<Vec<&'static str>> {
     if run::read(run::program(root, "id").arg("-u")).is_ok_and(|uid| uid.trim() == "0") {
         return Some(Vec::new());
@@ -115,7 +115,7 @@ fn missing_packages<'a>(root: &Path, wanted: &[&'a str]) -> Result<Vec<&'a str>>
     query
         .args(["--show", "--showformat=${Package} ${db:Status-Abbrev}\n"])
         .args(wanted);
-    // It fails where it does not know a name, and prints what it does know all the same.
+    // It fails for a name that it does not know, and still prints those that it does.
     let output = run::finish(&mut query).map_err(|_| {
         Error::new(
             format!("this is no Debian machine; the peers are packages there: {wanted:?}"),
@@ -130,7 +130,7 @@ fn missing_packages<'a>(root: &Path, wanted: &[&'a str]) -> Result<Vec<&'a str>>
         .collect())
 }
 
-/// `listed` has one `name status` a line; `ii` means wanted and installed.
+/// `listed` has one `name status` per line; `ii` means wanted and installed.
 fn is_installed(listed: &str, name: &str) -> bool {
     listed
         .lines()
@@ -153,7 +153,7 @@ fn python_packages(root: &Path) -> Result<()> {
     run::run(&mut pip)
 }
 
-/// The installed packages as `name==version` lines; nothing where there is no working Python.
+/// The installed packages as `name==version` lines; none if there is no working Python.
 fn python_versions(root: &Path) -> Option<String> {
     let mut list = run::program(root, &python(root).to_string_lossy());
     run::read(list.args(["-m", "pip", "list", "--format=freeze"])).ok()

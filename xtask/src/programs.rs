@@ -1,4 +1,4 @@
-//! Programs that other folders of the repository bring and that a command only starts.
+//! Programs in other folders of the repository that a command only starts.
 
 use std::path::Path;
 
@@ -6,16 +6,16 @@ use crate::run::{self, Error, Result};
 
 /// A program built by cargo from this repository.
 pub(crate) struct Program {
-    /// Files of which one, if present, says that the program exists in this checkout.
+    /// Files of which one, if present, shows that the program exists in this checkout.
     sources: &'static [&'static str],
     /// Arguments of cargo up to and including the separator `--`.
     cargo: &'static [&'static str],
-    /// Arguments of the program where the caller gives none.
+    /// Arguments of the program if the caller gives none.
     defaults: &'static [&'static str],
 }
 
-/// The line in virtual time with seeded faults; without arguments what CI checks: the floors,
-/// the mutation and the table.
+/// The line in virtual time with seeded faults; without arguments what CI checks: the minimums, the
+/// mutation and the table.
 pub(crate) const SOAK: Program = Program {
     sources: &["crates/sim/examples/soak/main.rs"],
     cargo: &[
@@ -31,10 +31,10 @@ pub(crate) const SOAK: Program = Program {
     defaults: &["--check", "docs/soak.md"],
 };
 
-/// The real program between clients and modules that know what they did; a script.
+/// The real program between clients and modules that record what they did; a script.
 pub(crate) const JUDGE: &str = "interop/judge/run.py";
 
-/// Random bytes to decoders and engines. Two million inputs is the floor that is promised.
+/// Random bytes for decoders and engines. Two million inputs is the promised minimum.
 pub(crate) const FUZZ: Program = Program {
     sources: &["fuzz/Cargo.toml"],
     cargo: &[
@@ -60,7 +60,7 @@ pub(crate) const BENCH: Program = Program {
     defaults: &[],
 };
 
-/// What there is to show: a simulated site, served as a real one would be.
+/// The demo: a simulated site, served like a real one.
 const DEMO: Program = Program {
     sources: &["crates/railbus/Cargo.toml"],
     cargo: &["run", "--profile", "demo", "-p", "railbus", "--"],
@@ -68,7 +68,7 @@ const DEMO: Program = Program {
 };
 
 impl Program {
-    /// Why the program cannot run, or nothing.
+    /// Why the program can't run; none if it can.
     pub(crate) fn missing(&self, root: &Path) -> Option<String> {
         let there = |source: &&str| root.join(source).is_file();
         (!self.sources.iter().any(there)).then(|| format!("there is no {} yet", self.sources[0]))
@@ -95,7 +95,7 @@ impl Program {
     }
 }
 
-/// Soaks a simulated line, or with `--daemon` first the program as a whole.
+/// Soaks a simulated line, or with `--daemon` as first argument the whole program.
 pub(crate) fn soak(root: &Path, args: &[String]) -> Result<()> {
     match args.split_first() {
         Some((first, rest)) if first == "--daemon" => judge(root, rest),
@@ -103,12 +103,12 @@ pub(crate) fn soak(root: &Path, args: &[String]) -> Result<()> {
     }
 }
 
-/// The judge around the daemon. It wants nothing but Python itself.
+/// The judge around the daemon. It needs only Python itself.
 pub(crate) fn judge(root: &Path, args: &[String]) -> Result<()> {
     run::run(run::program(root, "python3").arg(JUDGE).args(args))
 }
 
-/// Shows what there is to see, until it is stopped.
+/// Runs the demo until it is stopped.
 pub(crate) fn demo(root: &Path, args: &[String]) -> Result<()> {
     if let Some((first, rest)) = args.split_first()
         && first == "--qemu"

@@ -1,4 +1,4 @@
-//! Starting other programs, and saying clearly when that goes wrong.
+//! Starts other programs, and reports clearly when that fails.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -9,15 +9,15 @@ use std::process::{Command, Output, Stdio};
 pub(crate) enum Error {
     /// What happened, and what the reader can do next.
     Told { what: String, next: String },
-    /// The output that is already on the screen says it all and ends with a line of its own.
+    /// The output that is already on the screen is sufficient and ends with a line of its own.
     OnScreen,
 }
 
-/// A result whose error a person can act on.
+/// A result with an error that the user can act on.
 pub(crate) type Result<T> = std::result::Result<T, Error>;
 
 impl Error {
-    /// `what` went wrong; `next` is the step that mends it or finds out more.
+    /// `what` went wrong; `next` is the step that fixes it or finds out more.
     pub(crate) fn new(what: impl Into<String>, next: impl Into<String>) -> Self {
         Self::Told {
             what: what.into(),
@@ -65,13 +65,13 @@ pub(crate) fn cargo(root: &Path, args: &[&str]) -> Command {
     command
 }
 
-/// Runs a program to its end, its output going where ours goes. It gets no standard input, so
+/// Runs a program to its end, with its output going where ours goes. It gets no standard input, so
 /// that nothing can wait for an answer on a machine without a keyboard.
 pub(crate) fn run(command: &mut Command) -> Result<()> {
     run_attended(command.stdin(Stdio::null()))
 }
 
-/// As [`run`], for a program that a person sits in front of.
+/// Like [`run`], for an interactive program.
 pub(crate) fn run_attended(command: &mut Command) -> Result<()> {
     let line = spell(command);
     println!("$ {line}");
@@ -87,7 +87,7 @@ pub(crate) fn run_attended(command: &mut Command) -> Result<()> {
     ))
 }
 
-/// What a program prints on standard output; it must succeed.
+/// Returns what a program prints on standard output; it must succeed.
 pub(crate) fn read(command: &mut Command) -> Result<String> {
     let line = spell(command);
     let output = finish(command)?;
@@ -101,7 +101,7 @@ pub(crate) fn read(command: &mut Command) -> Result<String> {
     ))
 }
 
-/// What a program leaves behind, success or not; an error only where it could not start.
+/// Returns the output of a program, successful or not; an error only if it could not be started.
 pub(crate) fn finish(command: &mut Command) -> Result<Output> {
     let line = spell(command);
     command
@@ -110,7 +110,7 @@ pub(crate) fn finish(command: &mut Command) -> Result<Output> {
         .map_err(|error| cannot_start(&line, &error))
 }
 
-/// Whether a program exists here and ends with success. Its output is dropped.
+/// Whether a program exists here and succeeds. Its output is dropped.
 pub(crate) fn works(command: &mut Command) -> bool {
     finish(command).is_ok_and(|output| output.status.success())
 }
@@ -122,7 +122,7 @@ fn cannot_start(line: &str, error: &std::io::Error) -> Error {
     )
 }
 
-/// The command as a person would type it; the program without its folder.
+/// The command as typed in a shell; the program without its folder.
 fn spell(command: &Command) -> String {
     let program = Path::new(command.get_program());
     let name = program.file_name().unwrap_or(program.as_os_str());

@@ -1,5 +1,5 @@
-//! `start`: how long a command takes from its start to its end, beside mbpoll in the same run.
-//! It prints medians and ratios and judges nothing: a loaded machine takes any time it likes.
+//! `start`: how long commands take from start to end, compared with mbpoll in the same run. It
+//! prints medians and ratios and judges nothing: times on a loaded machine are arbitrary.
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -7,18 +7,18 @@ use std::time::{Duration, Instant};
 
 use crate::run::{self, Error, Result};
 
-/// Rounds in which each command runs once, so that load meets all of them alike.
+/// Rounds in which each command runs once, so that load affects all of them alike.
 const ROUNDS: usize = 25;
 /// Rounds of the first read after a rest.
 const RESTED_ROUNDS: usize = 7;
-/// After so long without a frame it is known that no reply to anybody's request can come.
+/// After this long without a frame no reply to any request can come.
 const REST: Duration = Duration::from_secs(9);
-/// What one read of eight coils takes on the wire at 9600 8N1: 8 characters, the 3.5 characters
-/// of silence by which the module knows the end, the 5 ms that the demo's modules take to answer,
+/// What a read of eight coils takes on the wire at 9600 8N1: 8 characters, the 3.5 characters of
+/// silence by which the module recognises the end, the 5 ms that the demo's modules take to answer,
 /// and 6 characters.
 const WIRE: Duration = Duration::from_micros(23_229);
 
-/// A simulated line, and where it lies.
+/// A simulated line and its path.
 struct Line {
     child: Child,
     pty: PathBuf,
@@ -101,7 +101,7 @@ pub(crate) fn run(root: &Path, args: &[String]) -> Result<()> {
     Ok(())
 }
 
-/// The demo line on a pseudo-terminal, once it is there.
+/// The demo line on a pseudo-terminal, once it is ready.
 fn serve(railbus: &Path) -> Result<Line> {
     let pty = std::env::temp_dir().join(format!("railbus-start-{}", std::process::id()));
     let mut command = Command::new(railbus);
@@ -126,7 +126,7 @@ fn serve(railbus: &Path) -> Result<Line> {
     Ok(line)
 }
 
-/// From the start of a program to its end, which must be a good one.
+/// Runs a program, which must succeed, and returns the time it took.
 fn time(program: &str, args: &[&str]) -> Result<Duration> {
     let mut command = Command::new(program);
     command
@@ -142,7 +142,7 @@ fn time(program: &str, args: &[&str]) -> Result<Duration> {
         )
     })?;
     let took = begun.elapsed();
-    // mbpoll says 1 where it was asked for its help only.
+    // mbpoll exits with 1 if it only printed its help.
     let helped = args == ["-h"];
     if status.success() || helped {
         return Ok(took);

@@ -1,10 +1,10 @@
-//! A list of steps, run to its end whatever fails, and a table of what came of each.
+//! A list of steps, run to its end whatever fails, and a table of the results.
 
 use std::time::{Duration, Instant};
 
 use crate::run::Result;
 
-/// How one step ended.
+/// The result of a step.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum End {
     Passed,
@@ -13,14 +13,14 @@ pub(crate) enum End {
     Skipped(String),
 }
 
-/// Ends of all steps, in order.
+/// The results of all steps, in order.
 #[derive(Debug, Default)]
 pub(crate) struct Summary {
     rows: Vec<(&'static str, End, Duration)>,
 }
 
 impl Summary {
-    /// Runs one step under a header and notes its end and duration.
+    /// Runs one step under a header and records its result and duration.
     pub(crate) fn run(&mut self, name: &'static str, step: impl FnOnce() -> Result<()>) {
         println!("\n=== {name} ===");
         let start = Instant::now();
@@ -36,7 +36,7 @@ impl Summary {
         self.rows.push((name, end, took));
     }
 
-    /// Notes a step that is not run.
+    /// Records a step that is not run.
     pub(crate) fn skip(&mut self, name: &'static str, why: String) {
         println!("\n=== {name} ===\nskipped: {why}");
         self.rows.push((name, End::Skipped(why), Duration::ZERO));

@@ -1,4 +1,4 @@
-//! `cargo xtask test`: everything that can say whether this checkout is good, in one command.
+//! `cargo xtask test`: everything that shows whether this checkout is good, in one command.
 
 use std::path::Path;
 
@@ -10,9 +10,9 @@ use crate::{firmware, peers, tidy, web};
 /// One step of the run.
 struct Step {
     name: &'static str,
-    /// Cannot say anything useful on a machine where the foreign peers are missing.
+    /// It says nothing useful on a machine without the third-party peers.
     needs_peers: bool,
-    /// Why the step does not apply to this checkout or machine, or nothing.
+    /// Why the step does not apply to this checkout or machine; none if it does.
     skip: fn(&Path) -> Option<String>,
     run: fn(&Path) -> Result<()>,
 }
@@ -38,7 +38,7 @@ const CLIPPY: Step = Step {
     run: clippy,
 };
 
-/// What can be asked at every save: no port, no process, no page.
+/// The steps for every save: no port, no process, no page.
 const QUICK: &[Step] = &[
     FMT,
     TIDY,
@@ -51,11 +51,11 @@ const QUICK: &[Step] = &[
     },
 ];
 
-/// Cheap and telling first, long last.
+/// Cheap and informative first, long ones last.
 const STEPS: &[Step] = &[
     FMT,
     TIDY,
-    // Before anything is built, so that what is built has the pages inside.
+    // Before anything else is built, so that the program has the pages inside.
     Step {
         name: "web",
         needs_peers: false,
@@ -143,16 +143,16 @@ const STEPS: &[Step] = &[
     },
 ];
 
-/// Where the foreign peers stand on this machine.
+/// Whether the third-party peers are installed.
 #[derive(Clone, Copy, PartialEq)]
 enum Peers {
     There,
     Missing,
-    /// The caller said `--without-peers`.
+    /// The user said `--without-peers`.
     Unwanted,
 }
 
-/// How much of it somebody wants.
+/// How much of it to run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Wanted {
     All,
@@ -160,7 +160,7 @@ enum Wanted {
     Quick,
 }
 
-/// Runs every step that is wanted, prints a table, and fails if any step failed.
+/// Runs every selected step, prints a table, and fails if any step failed.
 pub(crate) fn run(root: &Path, args: &[String]) -> Result<()> {
     let mut summary = Summary::default();
     let wanted = wanted(args)?;
@@ -233,8 +233,8 @@ fn start(program: &Program, root: &Path, args: &[&str]) -> Result<()> {
     program.run(root, &args)
 }
 
-/// Packages that are workspaces of their own, which `--all` and `--workspace` do not reach.
-/// Of `firmware` that is what its boards share; the boards need a toolchain that has no clippy.
+/// Packages that are workspaces of their own, which `--all` and `--workspace` do not include. Of
+/// `firmware` only what the boards share; the boards need a toolchain that has no clippy.
 const APART: &[&str] = &[
     "bench/Cargo.toml",
     "firmware/Cargo.toml",
@@ -266,15 +266,20 @@ fn apart(root: &Path) -> impl Iterator<Item = &'static str> {
         .filter(|path| root.join(path).is_file())
 }
 
-/// Nextest runs tests in processes of their own and faster; plain cargo does where it is missing.
+/// How many tests run at once on each core: they spend nine tenths of their time waiting for lines
+/// at 9600 baud and for modules that don't answer.
+const TESTS_PER_CORE: usize = 3;
+
+/// Nextest runs tests in separate processes and faster; without it plain cargo does.
 fn nextest(root: &Path, targets: &[&str]) -> Result<()> {
-    let is_there = run::works(&mut cargo(root, &["nextest", "--version"]));
-    let runner: &[&str] = match is_there {
-        true => &["nextest", "run"],
-        false => &["test"],
-    };
     let all = ["--workspace", "--no-fail-fast"];
-    run::run(cargo(root, runner).args(targets).args(all))
+    if !run::works(&mut cargo(root, &["nextest", "--version"])) {
+        return run::run(cargo(root, &["test"]).args(targets).args(all));
+    }
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let at_once = format!("--test-threads={}", cores * TESTS_PER_CORE);
+    let mut nextest = cargo(root, &["nextest", "run", &at_once]);
+    run::run(nextest.args(targets).args(all))
 }
 
 fn no_deny(root: &Path) -> Option<String> {
@@ -290,11 +295,11 @@ fn deny(root: &Path) -> Result<()> {
     ))
 }
 
-/// Scripts that start the foreign peers; the first that exists is the entry.
+/// Scripts that start the third-party peers; the first that exists is run.
 const INTEROP_PYTHON: &str = "interop/run.py";
 const INTEROP_SHELL: &str = "interop/run.sh";
 
-/// The daemon's HTTP as programs of others judge it.
+/// The daemon's HTTP, tested by third-party programs.
 const API: &str = "interop/api.py";
 
 fn missing(root: &Path, script: &str) -> Option<String> {
@@ -349,7 +354,7 @@ mod tests {
         );
     }
 
-    /// Who asks at every save has neither peers nor a browser, and waits for no port.
+    /// Steps for every save need neither peers nor a browser nor a port.
     #[test]
     fn a_quick_run_needs_nothing_but_cargo() {
         assert_eq!(wanted(&[String::from("--quick")]).ok(), Some(Wanted::Quick));

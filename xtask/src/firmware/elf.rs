@@ -1,20 +1,20 @@
-//! As much of an ELF file as it takes to say how large a program is.
+//! The parts of an ELF file that are needed to tell how large a program is.
 
 use std::collections::BTreeMap;
 
 /// What a program needs, in bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Needs {
-    /// Vectors, code, constants and first values.
+    /// Vectors, code, constants and initial values.
     pub(super) flash: u32,
-    /// What has a fixed place in memory.
+    /// Static memory.
     pub(super) ram: u32,
 }
 
-/// Flags of a section: it can be written to, it is there while the program runs.
+/// Section flags: writable, and loaded while the program runs.
 const WRITABLE: u32 = 1;
 const ALLOCATED: u32 = 2;
-/// The type of a section that takes no room in the file.
+/// The type of a section without contents in the file.
 const EMPTY: u32 = 8;
 
 /// The type of the section of symbols.
@@ -31,7 +31,7 @@ struct Section {
     link: u32,
 }
 
-/// The sections of a 32-bit little-endian ELF; nothing where the file is none.
+/// The sections of a 32-bit little-endian ELF; none if the file is not one.
 fn sections(file: &[u8]) -> Option<Vec<Section>> {
     if !file.starts_with(b"\x7fELF\x01\x01") {
         return None;
@@ -52,7 +52,7 @@ fn sections(file: &[u8]) -> Option<Vec<Section>> {
     (0..count).map(section).collect()
 }
 
-/// What an image needs; nothing where it is none.
+/// What an image needs; none if the file is not one.
 pub(super) fn needs(file: &[u8]) -> Option<Needs> {
     let mut needs = Needs::default();
     for section in sections(file)? {
@@ -69,21 +69,21 @@ pub(super) fn needs(file: &[u8]) -> Option<Needs> {
     Some(needs)
 }
 
-/// The code of an image, and what is where in it.
+/// The code of an image and its layout.
 pub(super) struct Code<'a> {
-    /// Where the program begins.
+    /// The entry point.
     pub(super) entry: u32,
     /// The vectors at address 0.
     pub(super) vectors: Vec<u32>,
-    /// Where each function begins, and its bytes.
+    /// Where each function begins, and its size in bytes.
     pub(super) functions: BTreeMap<u32, u32>,
-    /// From there on: is it data in between?
+    /// From there on: is it data?
     pub(super) marks: BTreeMap<u32, bool>,
     /// Sections with their addresses.
     pub(super) parts: Vec<(u32, &'a [u8])>,
 }
 
-/// The code of an image; nothing where it is none, or has no symbols.
+/// The code of an image; none if the file is not one, or has no symbols.
 pub(super) fn code(file: &[u8]) -> Option<Code<'_>> {
     let sections = sections(file)?;
     let bytes = |section: &Section| {
@@ -116,7 +116,7 @@ pub(super) fn code(file: &[u8]) -> Option<Code<'_>> {
 }
 
 impl Code<'_> {
-    /// Takes in a symbol, if it is a function or says what is code and what is data.
+    /// Reads a symbol, if it is a function or marks code or data.
     fn note(&mut self, symbol: &[u8; 16], names: &[u8]) -> Option<()> {
         /// The type of a function among the lower bits of its kind.
         const FUNCTION: u8 = 2;
@@ -131,7 +131,7 @@ impl Code<'_> {
         Some(())
     }
 
-    /// Whether data lie there.
+    /// Whether there is data at this address.
     pub(super) fn is_data(&self, at: u32) -> bool {
         self.marks
             .range(..=at)
@@ -139,7 +139,7 @@ impl Code<'_> {
             .is_some_and(|(_, data)| *data)
     }
 
-    /// Sixteen bits of it.
+    /// The halfword at this address.
     pub(super) fn half(&self, at: u32) -> Option<u16> {
         self.parts
             .iter()

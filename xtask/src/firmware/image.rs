@@ -25,7 +25,7 @@ pub(crate) fn family(name: &str) -> Result<&'static str> {
     })
 }
 
-/// Where images lie once they are built.
+/// Where built images are.
 pub(crate) fn folder(root: &Path) -> PathBuf {
     root.join("target/firmware")
 }
@@ -53,11 +53,11 @@ fn build_for(root: &Path, board: &str, family: &str) -> Result<PathBuf> {
     let target = root.join("target/thumb");
     let mut command = toolchain::build(root, toolchain::choose(root)?);
     toolchain::with_linker(root, &mut command);
-    // The same image and size wherever the repository lies: panics name files by their path.
+    // The same image and size wherever the repository is: panics contain paths of files.
     let remap = format!("--remap-path-prefix={}/=", root.display());
     command.env(toolchain::FLAGS, remap);
     command
-        // The folder's own settings and lock file count.
+        // The folder's own settings and lock file apply.
         .current_dir(root.join("firmware"))
         .args(["--release", "--locked", "-p", board, "--features", family])
         .args(["--target", TARGET, "--target-dir"])

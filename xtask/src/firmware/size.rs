@@ -1,4 +1,4 @@
-//! What each image needs: a committed table, so that growth shows in a review.
+//! The size of each image: a committed table, so that growth shows in a review.
 
 use std::path::Path;
 
@@ -22,14 +22,14 @@ that can ever be in use beside it, interrupts included: the longest way down thr
 |---|---|---|---|---|
 ";
 
-/// How much more than the table says an image may need: compilers differ, and a fix may cost some.
+/// How much more than in the table an image may need: compilers differ, and a fix may cost some.
 const SLACK: u32 = 256;
 
-/// What no image may need more of, whatever the table says.
+/// The most that any image may need, whatever the table says.
 const FLASH: u32 = 24 * 1024;
 const MEMORY: u32 = 4 * 1024;
 
-/// What an image needs, in bytes.
+/// The size of an image, in bytes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Needs {
     flash: u32,
@@ -47,7 +47,7 @@ impl Needs {
     }
 }
 
-/// Compares the table with what the images need now.
+/// Compares the table with the images as built now.
 pub(super) fn check(root: &Path) -> Result<()> {
     let now = table(root)?;
     print!("{now}");
@@ -66,7 +66,7 @@ pub(super) fn check(root: &Path) -> Result<()> {
     ))
 }
 
-/// What a table says of a family.
+/// The row of a family in a table.
 fn row(table: &str, family: &str) -> Option<Needs> {
     let start = format!("| `{family}` | ");
     let rest = table.lines().find_map(|line| line.strip_prefix(&start))?;
@@ -78,7 +78,7 @@ fn row(table: &str, family: &str) -> Option<Needs> {
     })
 }
 
-/// Whether one needs more now; also where the table does not say what it needed.
+/// Whether an image has grown; also if the table has no row for it.
 fn has_grown(committed: Option<Needs>, now: Option<Needs>) -> bool {
     let (Some(committed), Some(now)) = (committed, now) else {
         return true;
@@ -121,7 +121,7 @@ fn table(root: &Path) -> Result<String> {
     Ok(text)
 }
 
-/// What the image in this file needs.
+/// The size of the image in this file.
 fn measure(path: &Path) -> Result<Needs> {
     let wrong =
         |why: &dyn std::fmt::Display, what| Error::new(format!("{}: {why}", path.display()), what);

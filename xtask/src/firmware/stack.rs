@@ -1,32 +1,32 @@
-//! How much stack an image needs at most: read out of its code, so that no trial has to find the
-//! longest way down.
+//! How much stack an image needs at most: computed from its code, so that no trial has to find the
+//! deepest path.
 //!
-//! A function's frame is all that its instructions take off the stack pointer, and the way leads
-//! on along its calls and jumps. That is a bound as long as no function is reached by an address
-//! in a register, none calls itself, and none takes an amount that it computes. Where one does,
-//! nothing is said instead of something wrong.
+//! A function's frame is what its instructions subtract from the stack pointer, and the path
+//! continues along its calls and jumps. That is a bound as long as no function is called through a
+//! register, none is recursive, and none subtracts a computed amount. If one does, the result is an
+//! error instead of a wrong number.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::elf::Code;
 
-/// What the processor puts onto the stack when an interrupt begins: eight words, and one that may
-/// be missing to a multiple of eight bytes.
+/// What the processor pushes onto the stack when an interrupt begins: eight words, and one for
+/// alignment to a multiple of eight bytes.
 const INTERRUPTED: u32 = 36;
 
-/// The vectors of what comes through whatever is being done: the watchdog's warning and a fault.
+/// The vectors that can't be masked: the watchdog's warning and a fault.
 const UNSTOPPABLE: std::ops::Range<usize> = 2..4;
 
-/// A function as its code has it.
+/// A function as found in the code.
 #[derive(Debug, Default, PartialEq)]
 struct Function {
     frame: u32,
     calls: BTreeSet<u32>,
 }
 
-/// The most stack that is ever in use, in bytes: the program, interrupted at its lowest point, and
-/// that by what nothing holds back. The other interrupts do not interrupt each other. The name or
-/// place of what has no bound, where there is such a thing.
+/// The most stack that is ever in use, in bytes: the program, interrupted at its deepest point, and
+/// that by an interrupt that can't be masked. The other interrupts do not interrupt each other. An
+/// error names what has no bound.
 pub(super) fn most(code: &Code<'_>) -> Result<u32, String> {
     let functions = functions(code)?;
     let mut known = BTreeMap::new();
@@ -47,7 +47,7 @@ pub(super) fn most(code: &Code<'_>) -> Result<u32, String> {
     Ok(most + interrupt)
 }
 
-/// From a function down to the end of the longest way.
+/// The deepest path from a function.
 fn deepest(
     from: u32,
     functions: &BTreeMap<u32, Function>,
@@ -113,16 +113,16 @@ fn read(code: &Code<'_>, start: u32, len: u32) -> Result<Function, String> {
     Ok(function)
 }
 
-/// What an instruction means for the stack.
+/// What an instruction does to the stack.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Step {
     /// Nothing.
     Other,
-    /// So many bytes.
+    /// Subtracts so many bytes.
     Takes(u32),
-    /// It calls or jumps there, seen from four bytes behind its beginning.
+    /// Calls or jumps there, relative to four bytes after its beginning.
     Goes(i32),
-    /// An address or an amount that is computed.
+    /// A computed address or amount.
     Unknown,
 }
 
@@ -151,7 +151,7 @@ fn wide(first: u16, second: u16) -> Step {
     let (high, low) = (u32::from(first), u32::from(second));
     let constant = (high >> 10 & 1) << 11 | (low >> 12 & 7) << 8 | low & 0xFF;
     let to_sp = low & 0x8F00 == 0x0D00;
-    // Without the bit that is the highest of a constant, or the sign of an offset.
+    // Without the highest bit of a constant, or the sign of an offset.
     let kind = if first >> 11 == 0b11110 {
         first & 0xFBFF
     } else {
@@ -188,7 +188,7 @@ fn wide(first: u16, second: u16) -> Step {
     }
 }
 
-/// A constant as instructions hold it (ARMv7-M A5.3.2).
+/// A constant as encoded in instructions (ARMv7-M A5.3.2).
 fn expanded(constant: u32) -> u32 {
     let byte = constant & 0xFF;
     match constant >> 8 {
@@ -200,7 +200,7 @@ fn expanded(constant: u32) -> u32 {
     }
 }
 
-/// The lowest bits as a number with a sign.
+/// The lowest bits as a signed number.
 fn signed(bits: u32, count: u32) -> i32 {
     ((bits << (32 - count)) as i32) >> (32 - count)
 }
@@ -260,8 +260,8 @@ mod tests {
         assert_eq!(wide(0xF3BF, 0x8F4F), Step::Other, "dsb");
     }
 
-    /// An image of halfwords from 16 on, with functions of so many bytes, the first being where
-    /// the program begins; its third vector is the one after it.
+    /// An image of halfwords from 16 on, with functions of these sizes in bytes, the first being
+    /// the entry point; its third vector is the one after it.
     fn most_of(
         halves: &[u16],
         functions: &[(u32, u32)],
@@ -289,7 +289,7 @@ mod tests {
             most_of(&halves, &functions, &[]),
             Ok(8 + 20 + 8 + INTERRUPTED + 8)
         );
-        // What is behind the second instruction are data.
+        // What follows the second instruction is data.
         let data = [(30, true)];
         assert_eq!(
             most_of(&halves, &functions, &data),

@@ -1,6 +1,6 @@
 //! What can compile for a Cortex-M3 here.
 //!
-//! Two toolchains can, tried in this order:
+//! There are two toolchains, tried in this order:
 //! 1. Debian's `rustc-web`, `cargo-web` and `rust-web-src`, which build `core` from source and for
 //!    size. Only their images are as small as `docs/firmware-size.md` says;
 //! 2. the one that runs xtask, if its `thumbv7m-none-eabi` target is installed
@@ -19,8 +19,8 @@ const LINKER: &str = "CARGO_TARGET_THUMBV7M_NONE_EABI_LINKER";
 /// Debian's linker.
 const DEBIAN_LINKER: &str = "/usr/bin/ld.lld";
 
-/// What `cargo run` and rustup put into the environment. A cargo of another toolchain that heard
-/// of it would start the wrong compiler or load the wrong libraries.
+/// Variables set by `cargo run` and rustup. With these a cargo of another toolchain would start the
+/// wrong compiler or load the wrong libraries.
 const INHERITED: &[&str] = &[
     "CARGO",
     "CARGO_BUILD_TARGET",
@@ -35,7 +35,7 @@ const INHERITED: &[&str] = &[
     "RUSTUP_TOOLCHAIN",
 ];
 
-/// Debian's compiler and cargo; they stand beside a rustup on the PATH, so the folder matters.
+/// Debian's compiler and cargo; a rustup may precede them in the PATH, so the folder matters.
 const DEBIAN_RUSTC: &str = "/usr/bin/rustc";
 const DEBIAN_CARGO: &str = "/usr/bin/cargo";
 
@@ -54,7 +54,7 @@ pub(crate) fn target_installed(root: &Path) -> bool {
 }
 
 pub(super) fn choose(root: &Path) -> Result<Toolchain> {
-    // The limits of size are held with this one.
+    // The size limits apply to this one.
     let source = |sysroot: PathBuf| sysroot.join("lib/rustlib/src/rust/library").is_dir();
     if Path::new(DEBIAN_CARGO).is_file() && sysroot(root, DEBIAN_RUSTC).is_ok_and(source) {
         return Ok(Toolchain::DebianSource);
@@ -109,7 +109,7 @@ pub(crate) fn linker_there(root: &Path) -> bool {
     target_installed(root) || rust_lld(root).is_some()
 }
 
-/// Makes cargo link with what is here: rustup's toolchains bring a linker for every target,
+/// Makes cargo use a linker that is installed: rustup's toolchains have one for every target,
 /// Debian's do not.
 pub(super) fn with_linker(root: &Path, command: &mut Command) {
     let linker = rust_lld(root).unwrap_or_else(|| PathBuf::from(DEBIAN_LINKER));

@@ -1,4 +1,4 @@
-//! The images in QEMU: what they must do, and five of them to look at.
+//! The images in QEMU: the trials, and the demo with five of them.
 
 use std::path::{Path, PathBuf};
 
@@ -6,7 +6,7 @@ use super::image;
 use crate::peers;
 use crate::run::{self, Result, cargo};
 
-/// Foreign masters against boards in QEMU.
+/// Third-party masters against boards in QEMU.
 const MASTERS: &str = "interop/firmware.py";
 
 /// Builds all images and runs every trial, or those that have one of the words in their names.

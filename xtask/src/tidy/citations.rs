@@ -1,4 +1,4 @@
-//! `citations`: whoever reads a constant must be able to read where it comes from.
+//! `citations`: the reader of a constant must be able to look up where it comes from.
 
 use super::cite::{self, Citation};
 use super::facts_tested::CASES;

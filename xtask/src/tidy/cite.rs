@@ -1,9 +1,9 @@
 //! Citations of numbered facts: `[ERC-8 §2.1]`, lists of them, `[ERC-8 §2.1, §2.4, EDA §1.2]`, and
-//! of whole chapters, `[ERC-8 §2]`, where a module is about all of one.
+//! of whole chapters, `[ERC-8 §2]`, for a module that is about all of one.
 
 use super::sheets::{self, SHEETS, Sheet};
 
-/// What a citation says.
+/// A citation.
 #[derive(Debug)]
 pub(crate) enum Citation<'a> {
     /// A fact or chapter of a known page, whether or not it exists there.
@@ -42,7 +42,7 @@ pub(crate) fn in_line(line: &str) -> Vec<Citation<'_>> {
     found
 }
 
-/// The inside of one bracket. An item without a tag has the tag of the item before it.
+/// The inside of one bracket. An item without a tag has that of the item before it.
 fn list<'a>(inside: &'a str, found: &mut Vec<Citation<'a>>) {
     let mut sheet = None;
     for item in inside.split(',').map(str::trim) {

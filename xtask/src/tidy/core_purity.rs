@@ -1,17 +1,17 @@
-//! `core-purity`: the core runs in firmware and in virtual time, so it names no clock, no thread,
-//! no socket, and below `bus` no heap. The compiler holds most of this line; the check holds it
-//! where a `std` crate or an `extern crate` could step over it.
+//! `core-purity`: the core runs in firmware and in virtual time, so it uses no clock, no thread, no
+//! socket, and below `bus` no heap. The compiler enforces most of this; the check covers what a
+//! `std` crate or an `extern crate` would allow.
 
 use super::report::Report;
 use super::rust::find_word;
 use super::tree::Tree;
 
-/// What the sources of one crate must and must not say.
+/// What the sources of one crate must and must not contain.
 struct Rule {
     name: &'static str,
     /// Inner attributes of `lib.rs`.
     attributes: &'static [&'static str],
-    /// Words that shipped code does not contain, by reason.
+    /// Words that shipped code must not contain, grouped by reason.
     words: &'static [&'static [&'static str]],
 }
 

@@ -1,5 +1,5 @@
-//! `deny-named`: every package that we ask for ourselves stands in `deny.toml` with what it is for
-//! and its licence, and no other does. The lines are comments, which cargo-deny passes over:
+//! `deny-named`: every direct dependency is listed in `deny.toml` with its purpose and licence, and
+//! no other package is. The lines are comments, which cargo-deny ignores:
 //!
 //! `# dep: clap — command line — MIT OR Apache-2.0`
 
@@ -49,7 +49,7 @@ pub(super) fn check(tree: &Tree, report: &mut Report) {
     }
 }
 
-/// Every package from outside, and where it is first asked for.
+/// Every third-party package, and where it is first used.
 fn used(tree: &Tree) -> BTreeMap<String, (&str, usize)> {
     let mut used = BTreeMap::new();
     for (path, text) in tree.texts(&["Cargo.toml", "**/Cargo.toml"]) {

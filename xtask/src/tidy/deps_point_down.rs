@@ -1,7 +1,7 @@
 //! `deps-point-down`: crates depend on those below them, as ARCHITECTURE.md shows it, and some may
-//! not use some packages. What a crate cannot see it cannot come to need.
+//! not use some packages. A crate can't come to need what it can't see.
 //!
-//! Dev-dependencies are free: the soak of `sim` takes `bus` to have something to torment.
+//! Dev-dependencies are free: the soak of `sim` uses `bus` to have something to test.
 
 use super::manifest::{self, Role};
 use super::report::Report;
@@ -153,7 +153,7 @@ const LAYERS: &[Layer] = &[
         ],
         foreign: Foreign::Any,
     },
-    // The gateway is started by a program, and does not know which.
+    // The gateway does not know which program starts it.
     Layer {
         name: "gateway",
         below: &[

@@ -1,4 +1,4 @@
-//! `facts-form`: a fact is one numbered line that says where it comes from.
+//! `facts-form`: a fact is one numbered line that names its source.
 //!
 //! `- **§2.3** The reply comes before the pulse ends. (printed)` under a heading `## 2 ...`.
 
@@ -18,7 +18,7 @@ pub(super) fn check(tree: &Tree, report: &mut Report) {
             let Some(fact) = line.strip_prefix(FACT) else {
                 continue;
             };
-            // A long fact may go on in indented lines; its mark stands at the very end.
+            // A long fact may continue in indented lines; its source is at the very end.
             let mut last = line;
             while let Some((_, more)) = lines.next_if(|(_, next)| next.starts_with("  ")) {
                 last = more;
@@ -57,7 +57,7 @@ fn form<'a>(
         let what = format!("§{number} stands under the heading `## {chapter} ...`");
         return Err((what, "move it, or number it after its heading"));
     }
-    // Several marks stand side by side; the last one shows that there is one at all.
+    // There may be several sources; the last one shows that there is one at all.
     match last
         .strip_suffix(')')
         .and_then(|text| text.rsplit_once(" ("))

@@ -1,4 +1,4 @@
-//! `files-size`: a file that nobody can hold in mind is several files.
+//! `files-size`: a file that is too long to keep in mind is several files.
 
 use super::report::Report;
 use super::tree::{Tree, matches};

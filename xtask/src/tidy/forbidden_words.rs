@@ -1,4 +1,4 @@
-//! `forbidden-words`: what is not finished is not committed as if it were.
+//! `forbidden-words`: unfinished code is not committed as if it were finished.
 
 use super::report::Report;
 use super::rust::{Source, find_word};

@@ -1,9 +1,9 @@
-//! `generated`: git holds sources, not what can be made from them, nor other people's code.
+//! `generated`: git contains sources, not what can be generated from them, nor third-party code.
 
 use super::report::Report;
 use super::tree::{File, Tree};
 
-/// Folder names of built and of copied things.
+/// Folder names of generated and copied files.
 const FOLDERS: &[&str] = &[
     "dist",
     "target",

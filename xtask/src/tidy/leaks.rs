@@ -1,9 +1,9 @@
-//! `leaks`: what a text says about the machine it was written on helps no reader.
+//! `leaks`: details of the machine on which a text was written help no reader.
 
 use super::report::Report;
 use super::tree::Tree;
 
-/// Folders of machines that people and robots develop on. In pieces, or they would be found here.
+/// Folders of development machines. In pieces, or they would be found here.
 const WORDS: &[&str] = &[
     concat!("/wo", "rk/"),
     concat!("/ro", "ot/"),

@@ -5,14 +5,14 @@ use super::report::Report;
 use super::rust::Source;
 use super::tree::Tree;
 
-/// Crates that run where nobody restarts them.
+/// Crates that run where nothing restarts them.
 const CORE: &[&str] = &[
     "crates/wire/src/lib.rs",
     "crates/device/src/lib.rs",
     "crates/bus/src/lib.rs",
 ];
 
-/// What they deny, because each is a way to panic on input.
+/// What they deny, because each can panic on input.
 const DENIED: &[&str] = &[
     "clippy::unwrap_used",
     "clippy::expect_used",

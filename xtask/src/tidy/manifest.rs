@@ -1,9 +1,9 @@
-//! As much of `Cargo.toml` as the checks need: which keys there are, and which dependencies.
+//! The parts of `Cargo.toml` that the checks need: its keys and its dependencies.
 //!
-//! It reads the plain forms that cargo's own documentation uses. Arrays and inline tables may run
-//! over several lines; multi-line strings are not understood.
+//! It reads the plain forms that cargo's own documentation uses. Arrays and inline tables may span
+//! several lines; multi-line strings are not understood.
 
-/// One `key = value`, its table's name put before the key.
+/// One `key = value`, with the name of its table prepended to the key.
 #[derive(Debug)]
 pub(crate) struct Entry {
     /// `["dependencies", "crc", "version"]` for `crc.version = "3"` under `[dependencies]`.
@@ -22,10 +22,10 @@ pub(crate) enum Role {
     Dev,
 }
 
-/// A package that a crate asks for itself.
+/// A direct dependency of a crate.
 #[derive(Debug)]
 pub(crate) struct Dependency {
-    /// The package's name, also where the crate renames it.
+    /// The package's name, even if the crate renames it.
     pub(crate) package: String,
     pub(crate) role: Role,
     /// From 1.
@@ -61,7 +61,7 @@ pub(crate) fn entries(text: &str) -> Vec<Entry> {
     found
 }
 
-/// Every package that the manifest itself depends on; those of `[workspace]` are only offers.
+/// Every package that the manifest itself depends on; those of `[workspace]` are only available.
 pub(crate) fn dependencies(text: &str) -> Vec<Dependency> {
     let mut found: Vec<(String, Dependency)> = Vec::new();
     for Entry { path, value, line } in entries(text) {
@@ -144,7 +144,7 @@ fn is_open(value: &str) -> bool {
     count(['[', '{']) > count([']', '}'])
 }
 
-/// Splits `a."b.c".d` at the dots outside quotes, and takes the quotes away.
+/// Splits `a."b.c".d` at the dots outside quotes, and removes the quotes.
 fn dotted(name: &str) -> Vec<String> {
     let mut parts = Vec::new();
     let mut start = 0;
@@ -156,7 +156,7 @@ fn dotted(name: &str) -> Vec<String> {
     parts
 }
 
-/// The characters outside quoted strings, with their places.
+/// The characters outside quoted strings, with their positions.
 fn outside_quotes(text: &str) -> impl Iterator<Item = (usize, char)> {
     let mut quote = None;
     text.char_indices().filter(move |&(_, c)| match quote {

@@ -1,8 +1,8 @@
 //! `cargo xtask tidy`: invariants of the whole tree that no compiler checks.
 //!
-//! A check is a function over a [`Tree`] that writes into a [`Report`]; [`CHECKS`] lists them.
-//! Each has a small tree under `xtask/fixtures/<name>/` that it must complain about, and a unit
-//! test that says which lines: a check that cannot fail checks nothing.
+//! A check is a function that reads a [`Tree`] and adds to a [`Report`]; [`CHECKS`] lists them.
+//! Each has a small tree under `xtask/fixtures/<name>/` in which it must find something, and a unit
+//! test that says which lines: a check that can't fail checks nothing.
 
 mod citations;
 mod cite;
@@ -11,6 +11,7 @@ mod deny_named;
 mod deps_point_down;
 mod facts_form;
 mod facts_tested;
+mod families;
 mod files_size;
 mod forbidden_words;
 mod generated;
@@ -18,6 +19,7 @@ mod layout;
 mod leaks;
 mod lints;
 mod manifest;
+mod ports;
 mod report;
 mod rust;
 mod sheets;
@@ -35,7 +37,7 @@ use tree::Tree;
 
 /// One invariant.
 struct Check {
-    /// The rule in findings, and the name of its fixture.
+    /// The name of the rule in findings, and of its fixture.
     name: &'static str,
     run: fn(&Tree, &mut Report),
 }
@@ -105,6 +107,14 @@ const CHECKS: &[Check] = &[
         name: "unique-names",
         run: unique_names::check,
     },
+    Check {
+        name: "families",
+        run: families::check,
+    },
+    Check {
+        name: "ports",
+        run: ports::check,
+    },
 ];
 
 /// Runs every check over the files that git knows, and prints what they found.
@@ -130,7 +140,7 @@ pub(crate) fn run(root: &Path, args: &[String]) -> Result<()> {
     }
 }
 
-/// What a check says about its fixture, as `path:line` of each finding in order.
+/// The findings of a check in its fixture, as `path:line` each, in order.
 #[cfg(test)]
 fn found(name: &'static str, check: impl Fn(&Tree, &mut Report)) -> Vec<String> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"))

@@ -1,4 +1,4 @@
-//! What the checks found, in a form that an editor can jump to.
+//! The findings of the checks, in a form that an editor can jump to.
 
 use std::fmt;
 
@@ -6,14 +6,14 @@ use std::fmt;
 #[derive(Debug)]
 pub(crate) struct Finding {
     pub(crate) path: String,
-    /// From 1; 1 as well where the whole file is meant.
+    /// From 1; also 1 if the whole file is meant.
     pub(crate) line: usize,
     rule: &'static str,
     what: String,
     next: String,
 }
 
-/// Findings of all checks so far, and notes about what could not be checked.
+/// The findings of all checks so far, and notes about what could not be checked.
 #[derive(Debug, Default)]
 pub(crate) struct Report {
     rule: &'static str,
@@ -22,12 +22,12 @@ pub(crate) struct Report {
 }
 
 impl Report {
-    /// What comes from now on is about this rule.
+    /// Findings from now on belong to this rule.
     pub(crate) fn begin(&mut self, rule: &'static str) {
         self.rule = rule;
     }
 
-    /// `what` is wrong at that line; `next` is what mends it.
+    /// `what` is wrong at that line; `next` is what fixes it.
     pub(crate) fn add(
         &mut self,
         path: &str,
@@ -45,7 +45,7 @@ impl Report {
         });
     }
 
-    /// A check did not look at something. Never leave that unsaid.
+    /// Something was not checked. That must always be reported.
     pub(crate) fn note(&mut self, text: &str) {
         self.notes.push(format!("note: {}: {text}", self.rule));
     }

@@ -1,7 +1,8 @@
-//! Rust source as the checks need it: code, comments and literals told apart, and test code known.
+//! Rust source as the checks need it: code, comments and literals distinguished, and test code
+//! known.
 //!
 //! This is a lexer, no parser: it sees brackets and attributes, not types. That is enough to know
-//! that a word stands in code and not in a text, and where an item ends.
+//! whether a word is in code or in text, and where an item ends.
 
 use std::ops::Range;
 
@@ -13,8 +14,8 @@ enum Kind {
     Literal,
 }
 
-/// One Rust file. The views have the length and the line ends of the text; what does not belong
-/// to a view is blank there.
+/// One Rust file. The views have the length and the line ends of the text; what does not belong to
+/// a view is blank.
 #[derive(Debug)]
 pub(crate) struct Source<'a> {
     text: &'a str,
@@ -26,11 +27,11 @@ pub(crate) struct Source<'a> {
     test_only: Vec<Range<usize>>,
 }
 
-/// Attributes that make a function a test, as far as they are told by their beginning.
+/// Prefixes of attributes that make a function a test.
 const TEST_ATTRIBUTES: &[&str] = &["#[test]", "#[tokio::test", "#[rstest", "#[test_case"];
 
 impl<'a> Source<'a> {
-    /// Takes a file apart. Any text will do: what is no Rust gives blank or odd views, no failure.
+    /// Splits a file. Any text is accepted: what is not Rust gives blank or odd views, no failure.
     pub(crate) fn parse(text: &'a str) -> Self {
         let kinds = kinds(text);
         let code = view(text, &kinds, Kind::Code);
@@ -71,7 +72,7 @@ impl<'a> Source<'a> {
             .map(|(number, _, line)| (number, line))
     }
 
-    /// Whether the byte lies outside `#[cfg(test)]`.
+    /// Whether the byte is outside `#[cfg(test)]`.
     pub(crate) fn is_shipped(&self, at: usize) -> bool {
         !self.test_only.iter().any(|range| range.contains(&at))
     }
@@ -107,7 +108,7 @@ impl<'a> Source<'a> {
             .collect()
     }
 
-    /// Where the comments and attributes begin that stand directly above the line of a byte.
+    /// Where the comments and attributes directly above the line of a byte begin.
     fn comment_start(&self, at: usize) -> usize {
         let line_start = |end: usize| self.text[..end].rfind('\n').map_or(0, |found| found + 1);
         let mut start = line_start(at);
@@ -129,12 +130,12 @@ impl<'a> Source<'a> {
     }
 }
 
-/// Where `word` stands in `line` as a word of its own: `std::` is not in `my_std::`.
+/// The position of `word` in `line` as a whole word: `std::` is not in `my_std::`.
 pub(crate) fn find_word(line: &str, word: &str) -> Option<usize> {
     let in_name = |c: char| c.is_alphanumeric() || c == '_';
     let ends_in_name = |text: &str| text.chars().next_back().is_some_and(in_name);
     let starts_in_name = |text: &str| text.chars().next().is_some_and(in_name);
-    // Only where both sides of a border could be one name is there no border.
+    // There is no word boundary only if the characters on both sides could be part of one name.
     line.match_indices(word).map(|(at, _)| at).find(|&at| {
         let goes_on_before = starts_in_name(word) && ends_in_name(&line[..at]);
         let goes_on_after = ends_in_name(word) && starts_in_name(&line[at + word.len()..]);
@@ -250,8 +251,8 @@ fn character(text: &str) -> Option<usize> {
     (text.as_bytes().get(end) == Some(&b'\'')).then_some(end + 1)
 }
 
-/// Where the item ends that begins after an attribute: at its closing brace, at a semicolon, or
-/// before the brace that closes what it stands in.
+/// Where the item after an attribute ends: at its closing brace, at a semicolon, or before the
+/// brace that closes what contains it.
 fn item_end(code: &str, start: usize) -> usize {
     let (mut braces, mut others) = (0, 0);
     for (at, byte) in code.bytes().enumerate().skip(start) {

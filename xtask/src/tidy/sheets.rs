@@ -8,8 +8,8 @@ pub(crate) struct Sheet {
     /// How code cites it.
     pub(crate) tag: &'static str,
     pub(crate) path: &'static str,
-    /// Whether every fact of it must have a test of a device crate. The public protocols have
-    /// their vectors instead.
+    /// Whether every fact of it needs a test in a device crate. The public protocols have their
+    /// vectors instead.
     pub(crate) tested: bool,
 }
 
@@ -62,7 +62,7 @@ pub(crate) const SHEETS: &[Sheet] = &[
     },
 ];
 
-/// How a line begins that states a fact.
+/// The prefix of a line that states a fact.
 pub(crate) const FACT: &str = "- **§";
 
 /// A fact's number and where it is stated.
@@ -74,7 +74,7 @@ pub(crate) struct Fact<'a> {
     pub(crate) line: usize,
 }
 
-/// The facts of one page that have a readable number.
+/// The facts of one page that have a valid number.
 pub(crate) fn facts<'a>(tree: &'a Tree, sheet: &Sheet) -> Vec<Fact<'a>> {
     let text = tree.text(sheet.path).unwrap_or_default();
     let lines = text.lines().enumerate();
@@ -99,7 +99,7 @@ pub(crate) fn has(tree: &Tree, sheet: &Sheet, section: &str) -> bool {
     text.lines().any(|line| line.starts_with(&heading))
 }
 
-/// Whether this is the number of a fact: its chapter, a dot, and its place in the chapter.
+/// Whether this is the number of a fact: its chapter, a dot, and its position in the chapter.
 pub(crate) fn is_number(text: &str) -> bool {
     text.split_once('.')
         .is_some_and(|(chapter, place)| is_chapter(chapter) && is_chapter(place))

@@ -1,11 +1,11 @@
-//! `sleep`: a fixed wait is a guess about somebody else's speed. Wait for the event, or until a
-//! deadline that someone asked for.
+//! `sleep`: a fixed wait is a guess about the speed of something else. Wait for the event, or until
+//! a deadline that somebody asked for.
 
 use super::report::Report;
 use super::rust::Source;
 use super::tree::{Tree, matches};
 
-/// Files that may, and why.
+/// Files that may sleep, and why.
 const ALLOWED: &[(&str, &str)] = &[
     (
         "crates/qemu/src/board.rs",
@@ -38,7 +38,7 @@ pub(super) fn check(tree: &Tree, report: &mut Report) {
     }
 }
 
-/// Lines of every blocking sleep, and of every sleep whose argument is a duration made on the spot.
+/// Lines of every blocking sleep, and of every sleep whose duration is given on the spot.
 fn sleeps(source: &Source<'_>) -> Vec<usize> {
     let code = source.code();
     let calls = code

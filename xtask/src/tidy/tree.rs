@@ -15,7 +15,7 @@ pub(crate) struct File {
     pub(crate) path: String,
     /// In bytes.
     pub(crate) size: usize,
-    /// Nothing where the file is no UTF-8 text.
+    /// None if the file is not UTF-8 text.
     pub(crate) text: Option<String>,
 }
 
@@ -26,7 +26,7 @@ pub(crate) struct Tree {
 }
 
 impl Tree {
-    /// What git tracks or would track. Ignored files are nobody's business here.
+    /// The files that git tracks or would track. Ignored files are not checked.
     pub(crate) fn of_checkout(root: &Path) -> Result<Self> {
         let mut git = run::program(root, "git");
         git.args([
@@ -117,7 +117,7 @@ impl Tree {
             .as_deref()
     }
 
-    /// Whether anything lies below the folder.
+    /// Whether there is anything below the folder.
     pub(crate) fn has_folder(&self, folder: &str) -> bool {
         self.files.iter().any(|file| {
             file.path
@@ -134,8 +134,8 @@ fn unreadable(path: &Path, error: &std::io::Error) -> Error {
     )
 }
 
-/// Whether a path matches a pattern: `*` is any run of characters without `/`, `**` any run at
-/// all; a pattern that ends with `/` takes everything below that folder.
+/// Whether a path matches a pattern: `*` is any run of characters without `/`, `**` any run at all;
+/// a pattern that ends with `/` matches everything below that folder.
 pub(crate) fn matches(pattern: &str, path: &str) -> bool {
     if let Some(folder) = pattern.strip_suffix('/') {
         return matches(&format!("{folder}/**"), path);

@@ -1,5 +1,5 @@
-//! `unique-names`: a public type has a name of its own in the whole workspace. Where two types have
-//! the same name, every import raises the question which one is meant.
+//! `unique-names`: the name of a public type is unique in the workspace. If two types share a name,
+//! every import raises the question which one is meant.
 
 use std::collections::BTreeMap;
 
@@ -10,12 +10,12 @@ use super::tree::Tree;
 /// Names that every crate may define: its module path says which one is meant.
 const ANYWHERE: &[&str] = &["Config", "Error", "Event", "Input", "Output"];
 
-/// What each protocol of `wire` has under the same name: `rtu::Request`, `ascii::Request`. Together
-/// they count as one definition.
+/// Types that each protocol of `wire` has under the same name: `rtu::Request`, `ascii::Request`.
+/// Together they count as one definition.
 const PER_PROTOCOL: &[&str] = &["Exchange", "Request", "Response"];
 const PROTOCOLS: &str = "crates/wire/src/";
 
-/// A program: nobody imports from it.
+/// A program: no crate imports from it.
 const BINARY: &str = "crates/railbus/";
 
 /// Names that are still defined more than once, and how often. The list only becomes shorter.
@@ -43,11 +43,9 @@ const KNOWN: &[(&str, usize)] = &[
     ("Kind", 3),
     ("Line", 2),
     ("LineConfig", 3),
-    ("Machine", 2),
     ("ModuleId", 2),
-    ("Page", 2),
     ("Past", 2),
-    ("Place", 4),
+    ("Place", 3),
     ("Plan", 2),
     ("Problem", 2),
     ("Progress", 2),
@@ -65,12 +63,11 @@ const KNOWN: &[(&str, usize)] = &[
     ("Settings", 2),
     ("Span", 2),
     ("State", 2),
-    ("Step", 4),
+    ("Step", 3),
     ("Store", 2),
     ("Value", 2),
     ("Verdict", 2),
-    ("Wanted", 2),
-    ("Why", 3),
+    ("Why", 2),
 ];
 
 /// Where a public type is defined.
@@ -158,8 +155,8 @@ fn types(source: &Source<'_>) -> Vec<(usize, String)> {
 mod tests {
     use super::*;
 
-    /// A name that is double, one that is double more often than is known, and one that is known
-    /// as double and no longer is.
+    /// A duplicate name, one with more definitions than known, and one that is known as a duplicate
+    /// and no longer is.
     #[test]
     fn fixture() {
         let known = [("Place", 2), ("Known", 2), ("Gone", 2)];

@@ -1,10 +1,10 @@
-//! `unsafe`: only in files that are named here, so that a reviewer knows them all.
+//! `unsafe`: only in the files that are listed here, so that a reviewer knows them all.
 
 use super::report::Report;
 use super::rust::find_word;
 use super::tree::{Tree, matches};
 
-/// Files that may, and why.
+/// Files that may use it, and why.
 const ALLOWED: &[(&str, &str)] = &[
     ("crates/host/src/ioctl.rs", "raw ioctls of serial ports"),
     ("crates/qemu/src/taken.rs", "a raw ioctl of a socket"),

@@ -1,4 +1,4 @@
-//! `vectors-used`: a vector that no test reads proves nothing, and two of one name prove one.
+//! `vectors-used`: a vector that no test reads proves nothing, and two with one name prove one.
 
 use std::collections::BTreeMap;
 
