@@ -46,7 +46,7 @@ use crate::service::Update;
 use context::Procedure;
 use railbus_device::Op;
 use railbus_host::{LineEvent, ModuleId};
-use railbus_store::audit::Note;
+use railbus_store::audit::{End, Note};
 use railbus_wire::Micros;
 use schedule::Schedule;
 use std::collections::{BTreeMap, BTreeSet};
@@ -147,7 +147,7 @@ pub(crate) enum Output {
         /// The entry that has ended.
         begun: Begun,
         /// The end.
-        end: &'static str,
+        end: End,
         /// The known states of the outputs.
         after: String,
     },

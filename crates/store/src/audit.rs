@@ -43,6 +43,73 @@ impl Origin {
     }
 }
 
+/// How something that was logged ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum End {
+    /// Done, and read back from the module.
+    Readback,
+    /// Done, by the module's reply.
+    Reply,
+    /// Sent in a form that gets no reply.
+    Sent,
+    /// Not done, or not known to be.
+    Failed {
+        /// The failure's name: `no_reply`, `refused`, `not_tried`.
+        name: &'static str,
+        /// The module may have acted.
+        may_have_acted: bool,
+    },
+}
+
+impl End {
+    /// A failure after which the module may have acted.
+    #[must_use]
+    pub const fn unsure(name: &'static str) -> End {
+        End::Failed {
+            name,
+            may_have_acted: true,
+        }
+    }
+
+    /// A failure after which everything is as before.
+    #[must_use]
+    pub const fn not_done(name: &'static str) -> End {
+        End::Failed {
+            name,
+            may_have_acted: false,
+        }
+    }
+
+    /// Its name in the log, in events and in answers.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            End::Readback => "readback",
+            End::Reply => "reply",
+            End::Sent => "sent",
+            End::Failed { name, .. } => name,
+        }
+    }
+
+    /// Whether it was done, as far as can be known.
+    #[must_use]
+    pub const fn is_done(self) -> bool {
+        match self {
+            End::Readback | End::Reply | End::Sent => true,
+            End::Failed { .. } => false,
+        }
+    }
+
+    /// Whether the module may have acted.
+    #[must_use]
+    pub const fn may_have_acted(self) -> bool {
+        match self {
+            End::Readback | End::Reply | End::Sent => true,
+            End::Failed { may_have_acted, .. } => may_have_acted,
+        }
+    }
+}
+
 /// What is logged before something is done.
 #[derive(Clone, Debug)]
 pub struct Note {
@@ -65,9 +132,8 @@ pub struct Entry {
     pub module: String,
     /// What was requested: `do0=on do1=off`, `pulse k1 500ms`.
     pub what: String,
-    /// Its result: `readback`, `reply`, `sent`, or the name of the error; `None` while it is in
-    /// progress.
-    pub end: Option<&'static str>,
+    /// How it ended; `None` while it is in progress.
+    pub end: Option<End>,
 }
 
 /// The newest entries, and the complete log.
@@ -142,14 +208,14 @@ impl Audit {
 
     /// Records the result, and the state known after it. The log has accepted it when this returns,
     /// though it may not be synced yet.
-    pub async fn end(&self, id: &str, end: &'static str, after: String) {
+    pub async fn end(&self, id: &str, end: End, after: String) {
         if let Some(entry) = self.entries().iter_mut().rev().find(|entry| entry.id == id) {
             entry.end = Some(end);
         }
         if let Some(log) = self.log.get() {
             let record = Record::End {
                 id: id.to_owned(),
-                end: end.to_owned(),
+                end: end.name().to_owned(),
                 after,
             };
             // Losses are counted in the log itself.
@@ -194,8 +260,8 @@ mod tests {
         let audit = Audit::default();
         let (first, _) = audit.begin("pump", note("do0=on"), String::new()).await;
         let _ = audit.begin("oven", note("k1=on"), String::new()).await;
-        audit.end(&first, "readback", String::new()).await;
+        audit.end(&first, End::Readback, String::new()).await;
         let ends: Vec<_> = audit.newest().iter().map(|entry| entry.end).collect();
-        assert_eq!(ends, [Some("readback"), None]);
+        assert_eq!(ends, [Some(End::Readback), None]);
     }
 }

@@ -201,7 +201,7 @@ pub fn command(command: railbus_site::Command) -> CommandInfo {
         who: command.origin.who,
         via: command.origin.via,
         at: wall(command.at).unwrap_or_default(),
-        end: command.end.map(str::to_owned),
+        end: command.end.map(|end| end.name().to_owned()),
     }
 }
 

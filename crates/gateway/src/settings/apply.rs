@@ -10,6 +10,7 @@ use railbus_app::api::failures;
 use railbus_app::failure::Failure;
 use railbus_app::settings::outcome::{self, placed};
 use railbus_commission::{Ended, Job, Trouble, Why, change};
+use railbus_store::audit::End;
 use railbus_words::Code;
 
 /// A change in progress.
@@ -21,7 +22,7 @@ struct Apply {
     /// The number of the change.
     change: u64,
     /// How it ended, for the audit log.
-    audited: &'static str,
+    audited: End,
 }
 
 /// Starts it, if nothing prevents it.
@@ -44,27 +45,35 @@ pub(super) async fn begin(
         who,
         drive,
         change,
-        audited: "not_tried",
+        audited: NOT_TRIED,
     };
     tokio::spawn(carry.run());
     Ok(begun)
 }
 
 /// Only what was read back counts as done, and only what was never written as not tried.
-const fn audited(end: &Result<Ended, Trouble>, has_written: bool) -> &'static str {
+const fn audited(end: &Result<Ended, Trouble>, has_written: bool) -> End {
     match end {
-        Ok(Ended::Same(_) | Ended::Done(_)) => "readback",
-        Ok(Ended::Pending(_)) => "reply",
-        Ok(Ended::Unchanged(_, Why::Refused(_))) => "refused",
-        Ok(Ended::Unchanged(..)) => "not_verified",
-        Ok(Ended::RolledBack(..)) => "undone",
-        Ok(Ended::Halfway(..)) => "not_undone",
-        Ok(Ended::Untold(_) | Ended::Lost(_)) => "unknown",
+        Ok(Ended::Same(_) | Ended::Done(_)) => End::Readback,
+        Ok(Ended::Pending(_)) => End::Reply,
         // The port or the journal failed, possibly after a write was sent.
-        Err(_) if has_written => "unknown",
-        Err(_) => "not_tried",
+        Err(_) if has_written => End::unsure("unknown"),
+        Err(_) => NOT_TRIED,
+        Ok(ended) => End::Failed {
+            name: match ended {
+                Ended::Unchanged(_, Why::Refused(_)) => "refused",
+                Ended::Unchanged(..) => "not_verified",
+                Ended::RolledBack(..) => "undone",
+                Ended::Halfway(..) => "not_undone",
+                _ => "unknown",
+            },
+            may_have_acted: ended.may_have_acted(),
+        },
     }
 }
+
+/// Nothing was written.
+pub(super) const NOT_TRIED: End = End::not_done("not_tried");
 
 fn info(wish: &SettingsRequest, who: &str, plan: &Plan, change: u64) -> OpInfo {
     let lines = vec![plan.target.line.clone()];

@@ -1,5 +1,6 @@
 //! A calibration as an operation: it asks before each of its two steps, and may be cancelled there.
 
+use super::apply::NOT_TRIED;
 use super::drive::{Drive, journal, on_loan, open};
 use super::settings_request::SettingsRequest;
 use railbus_api::ops::{OpBegun, OpInfo};
@@ -11,6 +12,7 @@ use railbus_app::settings::outcome::{self, hindered};
 use railbus_app::settings::target::Target;
 use railbus_commission::settings::{Key, Wanted};
 use railbus_commission::{By, Calibrated, Hindrance, Job, Trouble, calibrate};
+use railbus_store::audit::End;
 use railbus_words::Code;
 
 /// The steps of a calibration, zero and span.
@@ -87,17 +89,21 @@ pub(super) async fn begin(
 }
 
 /// The result of a calibration for the audit log: a module reports that it did it, and no more.
-fn audited(end: &Result<Calibrated, Trouble>, has_written: bool) -> &'static str {
+fn audited(end: &Result<Calibrated, Trouble>, has_written: bool) -> End {
     match end {
         Ok(done) => match done.hindered {
-            None => "reply",
-            Some(Hindrance::Refused(_)) => "refused",
-            Some(Hindrance::Stopped) if done.zero.is_some() => "reply",
-            Some(Hindrance::Stopped) => "not_tried",
-            Some(Hindrance::NotFinished | Hindrance::Voltage) => "unknown",
+            None => End::Reply,
+            // The zero may have been stored, and only the span refused.
+            Some(Hindrance::Refused(_)) => End::Failed {
+                name: "refused",
+                may_have_acted: done.zero.is_some(),
+            },
+            Some(Hindrance::Stopped) if done.zero.is_some() => End::Reply,
+            Some(Hindrance::Stopped) => NOT_TRIED,
+            Some(Hindrance::NotFinished | Hindrance::Voltage) => End::unsure("unknown"),
         },
-        Err(_) if has_written => "unknown",
-        Err(_) => "not_tried",
+        Err(_) if has_written => End::unsure("unknown"),
+        Err(_) => NOT_TRIED,
     }
 }
 
@@ -121,13 +127,13 @@ impl Work {
         let work = service.begin_work(&module, what).await;
         let refused = |failure| failures::problem(&service, &module, None, &failure);
         let work = work.map_err(refused)?;
-        let mut told = "not_tried";
+        let mut told = NOT_TRIED;
         let end = on_loan((&site, &op), &service, &line, self.on_line(&mut told)).await;
         work.end(told).await;
         end
     }
 
-    async fn on_line(&mut self, told: &mut &'static str) -> Result<(), Problem> {
+    async fn on_line(&mut self, told: &mut End) -> Result<(), Problem> {
         let mut talk = open(&self.target).await?;
         let procedure = calibrate(self.job.clone(), self.voltage);
         let end = self.drive.run(&mut talk, procedure).await;

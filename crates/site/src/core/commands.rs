@@ -1,6 +1,6 @@
 //! Recent commands, by their ids.
 
-use railbus_store::audit::Origin;
+use railbus_store::audit::{End, Origin};
 use std::collections::VecDeque;
 use std::time::SystemTime;
 
@@ -21,7 +21,7 @@ pub struct Command {
     /// What was requested.
     pub what: String,
     /// How it ended; none while it is in progress.
-    pub end: Option<&'static str>,
+    pub end: Option<End>,
 }
 
 /// Recent commands.
@@ -40,7 +40,7 @@ impl Commands {
         self.0.push_back(command);
     }
 
-    pub(super) fn end(&mut self, id: &str, end: &'static str) {
+    pub(super) fn end(&mut self, id: &str, end: End) {
         if let Some(command) = self.0.iter_mut().rev().find(|command| command.id == id) {
             command.end = Some(end);
         }

@@ -8,7 +8,7 @@ use crate::Failure;
 use crate::service::lock;
 use railbus_device::Op;
 use railbus_host::{Done, Fault};
-use railbus_store::audit::Note;
+use railbus_store::audit::{End, Note};
 use railbus_wire::Micros;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::future::poll_fn;
@@ -287,7 +287,7 @@ impl Context {
     }
 
     /// Writes down how it ended.
-    pub(super) async fn journal_end(&self, begun: Begun, end: &'static str, after: String) {
+    pub(super) async fn journal_end(&self, begun: Begun, end: End, after: String) {
         let end = |request| Output::End {
             request,
             begun,

@@ -12,7 +12,7 @@ use crate::config::{Place, Safety};
 use crate::{Failure, Value, WriteDone};
 use railbus_device::{Bank, Module, Observation, Op, Point};
 use railbus_host::{Confirmed, Done, Fault};
-use railbus_store::audit::Note;
+use railbus_store::audit::{End, Note};
 use railbus_wire::{Channel, Micros};
 
 /// How long after its request a command may still be sent.
@@ -38,7 +38,7 @@ pub(super) struct Entry {
     /// The end of a scheduled action: done once it is read back.
     is_release: bool,
     /// The last failure.
-    failed: Option<&'static str>,
+    failed: Option<End>,
     /// Of the tries after the first.
     open: Option<Begun>,
 }
@@ -120,7 +120,8 @@ impl Context {
             state.rise(&effect.rising)
         });
         if let Err(failure) = allowed {
-            self.end_command(begun, Err(failure.name()), String::new(), entry)
+            let end = End::not_done(failure.name());
+            self.end_command(begun, Err(end), String::new(), entry)
                 .await;
             return Err(failure);
         }
@@ -146,13 +147,10 @@ impl Context {
             state.release(module, &effect, acted, &limits);
             state.states(module, &after)
         });
-        let told = match &end {
-            Ok(done) => confirmed_name(done.confirmed),
-            Err(fault) => fault.name(),
-        };
+        let ended = end_of(&end);
         let is_done = acted == Acted::Surely || end.is_ok() && !entry.is_release;
-        let told = if is_done { Ok(told) } else { Err(told) };
-        self.end_command(begun, told, states, entry).await;
+        let ended = if is_done { Ok(ended) } else { Err(ended) };
+        self.end_command(begun, ended, states, entry).await;
         let done = end?;
         let outputs = after.into_iter().zip(before);
         Ok(WriteDone {
@@ -205,26 +203,26 @@ impl Context {
     async fn end_command(
         &self,
         begun: Begun,
-        end: Result<&'static str, &'static str>,
+        end: Result<End, End>,
         after: String,
         entry: &mut Entry,
     ) {
         let is_again = entry.failed.is_some();
         entry.failed = end.err();
-        let (Ok(told) | Err(told)) = end;
+        let (Ok(ended) | Err(ended)) = end;
         if end.is_err() && is_again {
             entry.open = Some(begun);
         } else {
-            self.with(|state| state.commands.end(&begun.id, told));
-            self.journal_end(begun, told, after).await;
+            self.with(|state| state.commands.end(&begun.id, ended));
+            self.journal_end(begun, ended, after).await;
         }
     }
 
     /// It is not retried any more.
     pub(super) async fn close(&self, entry: Entry) {
-        if let (Some(begun), Some(told)) = (entry.open, entry.failed) {
-            self.with(|state| state.commands.end(&begun.id, told));
-            self.journal_end(begun, told, String::new()).await;
+        if let (Some(begun), Some(ended)) = (entry.open, entry.failed) {
+            self.with(|state| state.commands.end(&begun.id, ended));
+            self.journal_end(begun, ended, String::new()).await;
         }
     }
 
@@ -400,11 +398,17 @@ fn rises(op: &Op, point: Point) -> bool {
     }
 }
 
-const fn confirmed_name(confirmed: Confirmed) -> &'static str {
-    match confirmed {
-        Confirmed::Readback => "readback",
-        Confirmed::Reply => "reply",
-        Confirmed::Sent => "sent",
+const fn end_of(end: &Result<Done, Fault>) -> End {
+    match end {
+        Ok(done) => match done.confirmed {
+            Confirmed::Readback => End::Readback,
+            Confirmed::Reply => End::Reply,
+            Confirmed::Sent => End::Sent,
+        },
+        Err(fault) => End::Failed {
+            name: fault.name(),
+            may_have_acted: fault.may_have_acted(),
+        },
     }
 }
 

@@ -6,7 +6,7 @@ use crate::core::{Begun, News, State, Why};
 use crate::{Failure, Quality, Rights, Value};
 use railbus_device::Point;
 use railbus_host::{LineState, Presence};
-use railbus_store::audit::{AuditLog, NotWritten, Note, Origin};
+use railbus_store::audit::{AuditLog, End, NotWritten, Note, Origin};
 use railbus_store::history::{Event, EventKind, Grade, History, Sample, Severity, millis};
 use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock, Weak};
@@ -149,8 +149,8 @@ impl Work {
         &self.begun.id
     }
 
-    /// Writes down how it ended: `readback`, `reply`, `sent`, or the name of what went wrong.
-    pub async fn end(self, end: &'static str) {
+    /// Writes down how it ended.
+    pub async fn end(self, end: End) {
         self.service.inner.end(self.begun, end, String::new()).await;
     }
 }
@@ -207,12 +207,12 @@ impl Inner {
     }
 
     /// Writes down how it ended, and how the outputs are known to be after it.
-    pub(super) async fn end(&self, begun: Begun, end: &'static str, after: String) {
+    pub(super) async fn end(&self, begun: Begun, end: End, after: String) {
         let Begun { id, mut event } = begun;
         self.audit.end(&id, end, after.clone()).await;
         event.after = Some(after).filter(|text| !text.is_empty());
-        event.end = Some(end.to_owned());
-        if !matches!(end, "readback" | "reply" | "sent") {
+        event.end = Some(end.name().to_owned());
+        if !end.is_done() {
             event.severity = Severity::Warning;
         }
         self.tell_event(*event);

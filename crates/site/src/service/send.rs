@@ -7,6 +7,7 @@ use crate::Failure;
 use crate::config::Place;
 use railbus_commission::{Risk, is_answered};
 use railbus_host::{Fault, ProbeResult, Probed, reply_in};
+use railbus_store::audit::End;
 use railbus_wire::{Exchange, Response, ascii, rtu};
 use std::sync::Arc;
 use std::time::Duration;
@@ -84,18 +85,23 @@ impl Service {
 }
 
 /// How it ended, as the audit log tells it.
-fn audited(asked: &Exchange<'_>, end: &Result<ProbeResult, Fault>) -> &'static str {
+fn audited(asked: &Exchange<'_>, end: &Result<ProbeResult, Fault>) -> End {
     let met = match end {
         Ok(met) => met,
-        Err(fault) => return fault.name(),
+        Err(fault) => {
+            return End::Failed {
+                name: fault.name(),
+                may_have_acted: fault.may_have_acted(),
+            };
+        }
     };
     match met.outcome {
-        Probed::Answered if is_refused(asked, &met.bytes) => "refused",
-        Probed::Answered => "reply",
-        Probed::Garbled => "garbled",
-        Probed::Silent if is_answered(asked) => "no_reply",
-        Probed::Silent => "sent",
-        Probed::Unsafe => Fault::Unsupported.name(),
+        Probed::Answered if is_refused(asked, &met.bytes) => End::not_done("refused"),
+        Probed::Answered => End::Reply,
+        Probed::Garbled => End::unsure("garbled"),
+        Probed::Silent if is_answered(asked) => End::unsure("no_reply"),
+        Probed::Silent => End::Sent,
+        Probed::Unsafe => End::not_done(Fault::Unsupported.name()),
     }
 }
 

@@ -18,6 +18,7 @@ use railbus_host::{Confirmed, Fault, LineState};
 use railbus_site::{
     By, Config, Failure, Pulse, Quality, Reason, Service, ToggleTerms, Update, Value, WriteTerms,
 };
+use railbus_store::audit::End;
 use railbus_wire::Micros;
 use std::time::Duration;
 
@@ -62,7 +63,7 @@ async fn a_write_tells_before_and_after_and_is_known_at_once() {
     assert!(service.module("oven").unwrap().rtt.is_some());
 
     let entry = service.audit().pop().unwrap();
-    assert_eq!((entry.id, entry.end), (done.audit, Some("readback")));
+    assert_eq!((entry.id, entry.end), (done.audit, Some(End::Readback)));
     assert_eq!(entry.what, "k1=on k3=on");
 
     let mut seen_on = false;

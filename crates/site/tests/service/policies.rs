@@ -4,12 +4,13 @@ use crate::board::{Boards, k, until};
 use crate::safety::{config, folder, known, site, switch};
 use railbus_host::Fault;
 use railbus_site::{Failure, Quality, Service};
+use railbus_store::audit::End;
 use std::time::Duration;
 
 fn ends(service: &Service, of: &str) -> Vec<Option<&'static str>> {
     let audit = service.audit().into_iter();
     let audit = audit.filter(|entry| entry.origin.who == "on_return" && entry.what == of);
-    audit.map(|entry| entry.end).collect()
+    audit.map(|entry| entry.end.map(End::name)).collect()
 }
 
 /// A board has left the line, with its relays so, and comes back.

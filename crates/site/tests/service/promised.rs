@@ -5,6 +5,7 @@
 use crate::board::{self, Boards, k, until};
 use crate::safety::{config, folder, known, switch};
 use railbus_site::{Config, Failure, Pulse, Service};
+use railbus_store::audit::End;
 use railbus_wire::Micros;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -258,7 +259,8 @@ async fn a_release_is_tried_until_it_is_seen_and_told_once() {
     let ends = || {
         let entries = service.audit().into_iter();
         let ends = entries.filter(|entry| entry.origin.who == "pulse");
-        ends.map(|entry| entry.end).collect::<Vec<_>>()
+        ends.map(|entry| entry.end.map(End::name))
+            .collect::<Vec<_>>()
     };
     let tries = || boards.writes().iter().filter(|write| write.on == 0).count();
     until(|| tries() >= 3).await;

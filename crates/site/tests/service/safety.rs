@@ -2,6 +2,7 @@
 
 use crate::board::{self, Boards, k, until};
 use railbus_site::{Config, Failure, Pulse, Quality, Service, ToggleTerms, Value, WriteTerms};
+use railbus_store::audit::End;
 use railbus_wire::Micros;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -75,7 +76,11 @@ async fn outputs_that_exclude_each_other_are_never_on_together() {
     assert!(locked(refused.map(|_| ()), "oven.k2"));
     assert_eq!(boards.relays(3), 0b10);
     let last = service.audit().pop().unwrap();
-    assert_eq!(last.end, Some("interlock"), "it is written down");
+    assert_eq!(
+        last.end,
+        Some(End::not_done("interlock")),
+        "it is written down"
+    );
 
     switch(&service, "oven", 2, false).await.unwrap();
     switch(&service, "oven", 1, true).await.unwrap();
@@ -236,7 +241,7 @@ async fn an_output_is_switched_off_when_it_has_been_on_for_too_long() {
     let told = || {
         let entries = service.audit();
         let by_itself = entries.iter().find(|entry| entry.origin.who == "max_on");
-        by_itself.is_some_and(|entry| entry.end == Some("readback"))
+        by_itself.is_some_and(|entry| entry.end == Some(End::Readback))
     };
     until(told).await;
     // Whoever switches it on.
@@ -273,7 +278,7 @@ async fn an_output_wants_to_be_told_that_it_is_meant() {
     let command = service.command(&done.audit).unwrap();
     assert_eq!(
         (command.end, command.what.as_str()),
-        (Some("readback"), "k1=on")
+        (Some(End::Readback), "k1=on")
     );
     assert!(service.command("nothing").is_none());
     service.close().await;

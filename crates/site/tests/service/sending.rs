@@ -5,6 +5,7 @@ use crate::board::{k, until};
 use crate::safety::{site, switch};
 use railbus_host::Probed;
 use railbus_site::{Failure, Quality, RawTerms, Service, Value};
+use railbus_store::audit::End;
 use railbus_wire::{Address, Exchange, crc16, rtu};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -45,7 +46,7 @@ async fn a_frame_of_ones_own_is_written_down_and_its_module_read_anew() {
     );
     let entry = service.audit().pop().unwrap();
     assert_eq!(
-        (&*entry.module, &*entry.what, entry.end),
+        (&*entry.module, &*entry.what, entry.end.map(End::name)),
         ("oven", "send it", Some("reply"))
     );
     // What it did is not forgotten: nothing that it excludes goes on.
@@ -59,7 +60,7 @@ async fn a_frame_of_ones_own_is_written_down_and_its_module_read_anew() {
     let met = send(&service, frame(0, 1, false)).await.unwrap();
     assert_eq!((met, boards.relays(3)), (Probed::Silent, 0));
     let entry = service.audit().pop().unwrap();
-    assert_eq!((&*entry.module, entry.end), ("", Some("sent")));
+    assert_eq!((&*entry.module, entry.end), ("", Some(End::Sent)));
     let good = |module| service.point(module, k(1)).unwrap().quality == Quality::Good;
     until(|| good("oven") && good("yard")).await;
     service.close().await;
@@ -72,7 +73,7 @@ async fn a_module_that_does_not_answer_may_have_obeyed() {
     let met = send(&service, frame(3, 1, true)).await.unwrap();
     assert_eq!(met, Probed::Silent);
     let entry = service.audit().pop().unwrap();
-    assert_eq!(entry.end, Some("no_reply"));
+    assert_eq!(entry.end, Some(End::unsure("no_reply")));
     // What was known of it before does not count any more, though it is not offline yet.
     assert_ne!(service.point("oven", k(1)).unwrap().quality, Quality::Good);
     let refused = switch(&service, "yard", 1, true).await;

@@ -418,7 +418,7 @@ impl World {
                 } => {
                     let entry = begun.id.parse().unwrap();
                     let after = ms(self.dice.between(0, 2));
-                    self.add(after, Due::Ended(request, entry, end));
+                    self.add(after, Due::Ended(request, entry, end.name()));
                 }
                 Output::Keep(kept) => {
                     let end = match self.dice.one_in(self.faults.disk) {
