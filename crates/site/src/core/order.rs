@@ -2,12 +2,12 @@
 //! first frame until it has ended. All switching of outputs goes through here, in the output's
 //! turn.
 
+use super::Begun;
 use super::commands::Command;
 use super::context::Context;
 use super::promises::Why;
 use super::state::State;
 use super::turns::Turn;
-use super::{At, Begun};
 use crate::config::{Place, Safety};
 use crate::{Failure, Value, WriteDone};
 use railbus_device::{Bank, Module, Observation, Op, Point};
@@ -21,9 +21,6 @@ pub(super) const TTL: Micros = Micros::from_secs(5);
 /// A command to outputs of one module.
 pub(super) struct Order<'a> {
     pub(super) module: &'a str,
-    /// Where the module was when the output's turn came: while a command is in progress, its name
-    /// may become that of another board. A module that has left gives [`Fault::Closed`].
-    pub(super) at: Option<At>,
     pub(super) points: &'a [Point],
     pub(super) op: Op,
     pub(super) verify: bool,
@@ -100,10 +97,12 @@ impl Acted {
 }
 
 impl Context {
-    /// Carries a command out: permission, audit entry, and the states before and after.
+    /// Carries a command out: permission, audit entry, and the states before and after. It goes
+    /// where the module was when the output's turn came; where that has left since, it is
+    /// [`Fault::Closed`].
     pub(super) async fn command(
         &self,
-        _turn: &Turn,
+        turn: &Turn,
         order: Order<'_>,
         entry: &mut Entry,
         wanted: impl Fn(Point) -> Option<bool>,
@@ -127,7 +126,8 @@ impl Context {
         }
         self.forget_off(&effect.rising).await;
         let limits = self.limit(&effect).await;
-        let end = match order.at {
+        let at = turn.at(module);
+        let end = match at.filter(|at| self.with(|state| state.has(*at))) {
             Some(at) => self.run_at(at, order.op, order.verify, order.expires).await,
             None => Err(Fault::Closed),
         };

@@ -85,7 +85,7 @@ impl Context {
         // It may be another board by now, or keep the time otherwise.
         let way = self.way(module, point, pulse).await?;
         let value = !pulse.off;
-        let (label, at) = self.with(|state| (state.label(module, point), state.at(module)));
+        let label = self.with(|state| state.label(module, point));
         let (begun, by, width) = match way {
             Way::Device(op, width) => {
                 let noted = note(
@@ -94,7 +94,6 @@ impl Context {
                 );
                 let order = Order {
                     module,
-                    at,
                     points: &[point],
                     op,
                     verify: true,

@@ -143,6 +143,13 @@ impl State {
         })
     }
 
+    /// Whether there is a module at this place still.
+    pub(super) fn has(&self, at: At) -> bool {
+        let line = self.lines.values().find(|line| line.id == Some(at.line));
+        let name = line.and_then(|line| line.modules.get(at.module.0));
+        name.is_some_and(|name| !name.is_empty())
+    }
+
     /// Those who wait for a line to be opened look again.
     pub(super) fn wake_opening(&mut self) {
         for task in std::mem::take(&mut self.opening) {

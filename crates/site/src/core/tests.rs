@@ -1,7 +1,9 @@
 //! The core in virtual time: scenarios, and seeds with an independent judge.
 
+mod chance;
 mod disk;
 mod outputs;
+mod places;
 mod soak;
 mod stream;
 mod turns;

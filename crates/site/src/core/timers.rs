@@ -2,7 +2,6 @@
 //! it may be on; and what its policy wants, which may take more than one try. Nothing of it
 //! depends on who asked for it.
 
-use super::At;
 use super::context::{Context, TaskId};
 use super::order::{Entry, Order, TTL, channel};
 use super::promises::{Key, Promise, Why};
@@ -162,14 +161,13 @@ impl Timer {
                 Some(turn) => turn,
                 None => context.turn_to_end([place.clone()]).await,
             };
-            let (at, time) = context.with(|state| (state.at(&place.module), state.time_of(number)));
-            match time {
+            match context.with(|state| state.time_of(number)) {
                 Time::Over => return true,
                 Time::NotYet => return false,
                 Time::Due => {}
             }
             let promised = (&self.key, &self.promise);
-            if context.release(&turn, at, promised, entry).await {
+            if context.release(&turn, promised, entry).await {
                 context.with(|state| state.schedule.leave_out_one(number));
                 let _ = context.keep().await;
                 return true;
@@ -250,7 +248,6 @@ impl Context {
             Ok(()) => {
                 let order = Order {
                     module: &place.module,
-                    at: self.with(|state| state.at(&place.module)),
                     points: &[place.point],
                     op,
                     verify: true,
@@ -310,7 +307,6 @@ impl Context {
     async fn release(
         &self,
         turn: &Turn,
-        at: Option<At>,
         (key, promise): (&Key, &Promise),
         entry: &mut Entry,
     ) -> bool {
@@ -325,7 +321,6 @@ impl Context {
         }
         let order = Order {
             module,
-            at,
             points: &[*point],
             op: Op::Write(Bank::one(channel, on)),
             verify: true,
@@ -383,12 +378,8 @@ impl Context {
     }
 
     async fn end_held(&self, place: &Place, turn: &Turn) {
-        // A command that had its turn still has gone out, and what it began is known. Who waits
-        // for this does not wait for long, and may have another board by that name then.
-        let (held, at) = self.with(|state| {
-            let held = state.schedule.held(|other| other == place);
-            (held, state.at(&place.module))
-        });
+        // A command that had its turn still has gone out, and what it began is known.
+        let held = self.with(|state| state.schedule.held(|other| other == place));
         for (number, key, promise) in held {
             let note = self.with(|state| {
                 if state.time_of(number) == Time::Over {
@@ -401,7 +392,7 @@ impl Context {
                 continue;
             };
             let mut entry = Entry::of_release(note);
-            if self.release(turn, at, (&key, &promise), &mut entry).await {
+            if self.release(turn, (&key, &promise), &mut entry).await {
                 self.with(|state| state.schedule.leave_out_one(number));
             }
         }

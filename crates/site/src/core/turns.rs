@@ -5,6 +5,7 @@
 //! A turn with several outputs comes with all of them at once: who waits has none. So the end of a
 //! pulse waits for commands that have begun, and for nobody who waits himself for another output.
 
+use super::At;
 use super::context::{Context, TaskId};
 use crate::config::Place;
 use railbus_host::Fault;
@@ -38,9 +39,26 @@ struct Asked {
 pub(crate) struct Turn {
     context: Context,
     number: u64,
+    /// Where its modules were when it came.
+    at: BTreeMap<String, At>,
 }
 
 impl Turn {
+    /// Where a module was when the turn came. However long a command takes from then on, it is
+    /// not for another board that gets the name meanwhile.
+    pub(super) fn at(&self, module: &str) -> Option<At> {
+        self.at.get(module).copied()
+    }
+
+    fn comes(mut self, places: &BTreeSet<Place>) -> Turn {
+        let modules = places.iter().map(|place| &place.module);
+        self.at = self.context.with(|state| {
+            let at = |module: &String| Some((module.clone(), state.at(module)?));
+            modules.filter_map(at).collect()
+        });
+        self
+    }
+
     /// Gives some of its outputs back before it ends.
     pub(super) fn give_back(&self, of: impl Fn(&Place) -> bool) {
         self.context.with(|state| {
@@ -134,10 +152,10 @@ impl Context {
         if is_full {
             return Err(Fault::Overloaded);
         }
-        let turn = self.queue(places, false);
+        let turn = self.queue(places.clone(), false);
         let comes = self.wait(|state| state.turns.has_come(turn.number).then_some(()));
         match self.until(until, comes).await {
-            Some(()) => Ok(turn),
+            Some(()) => Ok(turn.comes(&places)),
             None => Err(Fault::Expired),
         }
     }
@@ -145,10 +163,11 @@ impl Context {
     /// Waits for the turn with these outputs however long that takes: for an end that was
     /// promised, or a policy.
     pub(super) async fn turn_to_end(&self, places: impl IntoIterator<Item = Place>) -> Turn {
-        let turn = self.queue(places.into_iter().collect(), true);
+        let places: BTreeSet<Place> = places.into_iter().collect();
+        let turn = self.queue(places.clone(), true);
         self.wait(|state| state.turns.has_come(turn.number).then_some(()))
             .await;
-        turn
+        turn.comes(&places)
     }
 
     fn queue(&self, places: BTreeSet<Place>, is_end: bool) -> Turn {
@@ -159,6 +178,7 @@ impl Context {
         Turn {
             context: self.clone(),
             number,
+            at: BTreeMap::new(),
         }
     }
 }

@@ -139,13 +139,12 @@ impl Context {
         } else {
             Op::Write(bank)
         };
-        let (what, at) = self.with(|state| {
+        let what = self.with(|state| {
             state.writable(module, &points)?;
-            Ok::<_, Failure>((state.describe(module, set), state.at(module)))
+            Ok::<_, Failure>(state.describe(module, set))
         })?;
         let order = Order {
             module,
-            at,
             points: &points,
             op,
             verify: terms.verify,
@@ -171,14 +170,12 @@ impl Context {
         let turn = self.turn(places(module, &[point]), expires).await?;
         self.with(|state| state.may_command(module, &[point], confirm))?;
         let done = if raw {
-            let (what, at) = self.with(|state| {
+            let what = self.with(|state| {
                 state.watched(module, [point])?;
-                let what = format!("toggle {}", state.label(module, point));
-                Ok::<_, Failure>((what, state.at(module)))
+                Ok::<_, Failure>(format!("toggle {}", state.label(module, point)))
             })?;
             let order = Order {
                 module,
-                at,
                 points: &[point],
                 op: Op::Toggle(channel(point)?.mask()),
                 verify: true,

@@ -2,6 +2,7 @@
 //! thing at a time, a disk and an audit log that may refuse. What is random comes from a seed.
 
 use super::super::*;
+pub(super) use super::chance::{Dice, Faults};
 use crate::Failure;
 use railbus_device::{Bank, Observation, Point, PointKind};
 use railbus_host::{Confirmed, Done, Event, Evidence, Fault, LineState, Presence};
@@ -10,48 +11,6 @@ use railbus_wire::{Channel, Instant};
 use std::collections::VecDeque;
 use std::sync::Mutex;
 use std::time::Duration;
-
-/// Chance from a seed: xorshift64*.
-#[derive(Clone, Debug)]
-pub(super) struct Dice(u64);
-
-impl Dice {
-    pub(super) fn new(seed: u64) -> Dice {
-        Dice(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1)
-    }
-
-    pub(super) fn below(&mut self, end: u64) -> u64 {
-        self.0 ^= self.0 >> 12;
-        self.0 ^= self.0 << 25;
-        self.0 ^= self.0 >> 27;
-        (self.0.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 33) % end
-    }
-
-    pub(super) fn one_in(&mut self, times: u64) -> bool {
-        times > 0 && self.below(times) == 0
-    }
-
-    pub(super) fn between(&mut self, low: u64, high: u64) -> u64 {
-        low + self.below(high - low + 1)
-    }
-}
-
-/// How often something goes wrong: once in so many times, never where it is 0.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Faults {
-    /// A request gets lost.
-    pub(super) request_lost: u64,
-    /// A reply gets lost: the module has acted.
-    pub(super) reply_lost: u64,
-    /// A module refuses.
-    pub(super) refused: u64,
-    /// The disk refuses promises.
-    pub(super) disk: u64,
-    /// The disk takes seconds.
-    pub(super) slow_disk: u64,
-    /// The audit log refuses.
-    pub(super) audit: u64,
-}
 
 /// Something that a module did by a frame.
 #[derive(Clone, Debug)]
@@ -143,6 +102,8 @@ pub(super) struct World {
     pub(super) polls: bool,
     /// The clock on the wall is so much behind.
     pub(super) wall_behind: Micros,
+    /// How long each write of the disk takes, where that is not left to chance.
+    pub(super) disk_takes: Option<Micros>,
 }
 
 pub(super) const fn ms(millis: u64) -> Micros {
@@ -177,6 +138,7 @@ impl World {
             down: BTreeSet::new(),
             polls: true,
             wall_behind: Micros::ZERO,
+            disk_takes: None,
         };
         world.start();
         world
@@ -216,6 +178,40 @@ impl World {
     /// The next start finds another configuration.
     pub(super) fn become_other(&mut self, text: &str) {
         self.config = Config::parse(text).unwrap();
+    }
+
+    /// Another board gets the name of a module, and what was promised of it is dropped, as a
+    /// reload leaves it that could not wait any longer. The board itself stays as it is.
+    pub(super) fn exchange(&mut self, module: &str) {
+        let config = Arc::clone(self.state().site.config());
+        let now = self.time();
+        let core = self.core.as_mut().unwrap();
+        let at = core.change(now, |context| {
+            context.with(|state| {
+                let left = state.schedule.held(|place| place.module == module);
+                let left: Vec<u64> = left.into_iter().map(|(number, ..)| number).collect();
+                state.drop_of(&boards(&config), &left, |place| place.module == module);
+                for line in state.lines.values_mut() {
+                    if let Some(slot) = line.modules.iter_mut().find(|slot| *slot == module) {
+                        slot.clear();
+                        line.modules.push(module.to_owned());
+                    }
+                }
+                state.reconfigure(config, |other| other != module, |other| other == module);
+                state.at(module).unwrap()
+            })
+        });
+        let board = Module {
+            at,
+            relays: 0,
+            is_dead: false,
+            is_silent: true,
+            welded: 0,
+        };
+        let before = self.modules.insert(module.to_owned(), board);
+        self.modules
+            .insert(format!("{module} before"), before.unwrap());
+        self.drain();
     }
 
     /// The process is killed. Frames that are on their way may still be obeyed.
@@ -425,10 +421,11 @@ impl World {
                         true => Err(ErrorKind::StorageFull),
                         false => Ok(()),
                     };
-                    let after = match self.dice.one_in(self.faults.slow_disk) {
+                    let by_chance = match self.dice.one_in(self.faults.slow_disk) {
                         true => ms(self.dice.between(500, 3_000)),
                         false => ms(self.dice.between(1, 8)),
                     };
+                    let after = self.disk_takes.unwrap_or(by_chance);
                     self.add(after, Due::Kept(kept, end));
                 }
                 Output::News(news) => self.news.push(news),
