@@ -4,7 +4,7 @@
 use super::access::{Need, Role};
 use super::doc::{Doc, Shapes};
 use super::route::{BASE, Route};
-use super::routes::{ALL, TOP};
+use super::routes::{TOP, all};
 use serde_json::Value;
 use std::path::Path;
 use utoipa::openapi::{RefOr, Schema};
@@ -54,7 +54,7 @@ fn told() -> Vec<Told> {
             address: format!("{base}{}", route.path),
         }
     };
-    let api = ALL.iter().copied().flatten().map(tell(BASE));
+    let api = all().map(tell(BASE));
     api.chain(TOP.iter().map(tell(""))).collect()
 }
 

@@ -6,7 +6,7 @@ use super::config::Desk;
 use super::keys::Keys;
 use super::northbound::webhook::Hooks;
 use super::route::{BASE, Route};
-use super::routes::{ALL, TOP, handlers};
+use super::routes::{TOP, all, handlers};
 use super::site::Site;
 use super::{ops, ws};
 use axum::body::{Body, to_bytes};
@@ -67,7 +67,7 @@ const OF_OTHERS: [(&str, &str, &str); 11] = [
 ];
 
 fn routes() -> impl Iterator<Item = (&'static str, &'static Route)> {
-    let api = ALL.iter().copied().flatten().map(|route| (BASE, route));
+    let api = all().map(|route| (BASE, route));
     api.chain(TOP.iter().map(|route| ("", route)))
 }
 

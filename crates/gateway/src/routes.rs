@@ -1,10 +1,10 @@
 //! The routes of the API. Every file of handlers has a table of its routes; [`ALL`] is the list of
-//! tables, and nothing else is served.
+//! tables; beside them kinds of outlets have routes, and nothing else is served.
 
 use super::access::{Caller, Need, SESSION_ROUTES, USER_ROUTES, check, identify};
 use super::doc::Doc;
 use super::guard::Front;
-use super::northbound::webhook;
+use super::northbound;
 use super::route::{Answer, BASE, Route};
 use super::site::Site;
 use super::{
@@ -22,8 +22,8 @@ use std::sync::Arc;
 /// The longest request body.
 const BODY_MAX: usize = 64 << 10;
 
-/// Every route of the API.
-pub(super) const ALL: &[&[Route]] = &[
+/// The tables of routes.
+const ALL: &[&[Route]] = &[
     points::ROUTES,
     models::ROUTES,
     control::ROUTES,
@@ -46,8 +46,12 @@ pub(super) const ALL: &[&[Route]] = &[
     settings::ROUTES,
     sim::ROUTES,
     ws::ROUTES,
-    webhook::ROUTES,
 ];
+
+/// Every route of the API: those of the tables, and those that a kind of outlet has of its own.
+pub(super) fn all() -> impl Iterator<Item = &'static Route> {
+    ALL.iter().copied().flatten().chain(northbound::routes())
+}
 
 /// Routes for monitoring, outside the API.
 pub(super) const TOP: &[Route] = &[
@@ -91,7 +95,7 @@ pub(super) fn handlers(site: Site, is_owners: bool) -> Router {
         let ruled = handler.layer(from_fn_with_state((route.need, route.reach), check));
         router.route(route.path, ruled)
     };
-    let routes = ALL.iter().copied().flatten().filter(is_there);
+    let routes = all().filter(is_there);
     let api = routes.fold(Router::new(), add);
     TOP.iter()
         .fold(Router::new(), add)
@@ -120,7 +124,7 @@ mod tests {
     /// possible has a hyphen, so that every name can be used.
     #[test]
     fn no_word_of_an_address_hides_a_name() {
-        let routes = || ALL.iter().copied().flatten().map(|route| route.path);
+        let routes = || all().map(|route| route.path);
         let is_named = |part: &str| part.starts_with('{');
         for (named, word) in routes().flat_map(|path| routes().map(move |other| (path, other))) {
             let parts = || named.split('/').zip(word.split('/'));

@@ -6,7 +6,7 @@ use super::super::access::{Caller, Known, Role};
 use super::super::order::Order;
 use super::super::ports;
 use super::rules;
-use crate::northbound::webhook::target;
+use crate::northbound;
 use railbus_api::problem::{Problem, codes};
 use railbus_site::Config;
 
@@ -26,12 +26,12 @@ fn known(order: &Order, before: &str) -> Config {
     Config::parse(before).unwrap_or_else(|_| Config::clone(&order.site.service.config()))
 }
 
-/// What only administrators may change: receivers of events, and whether everything is recorded.
+/// What only administrators may change: outlets, and whether everything is recorded.
 fn administrators(who: &Caller, old: &Config, new: &Config) -> Result<(), Problem> {
     let Some(role) = who.role.filter(|role| *role < Role::Admin) else {
         return Ok(());
     };
-    let theirs = |table: &String| table.starts_with("webhook.") || table == "audit";
+    let theirs = |table: &String| northbound::is_outlet(table) || table == "audit";
     let mut tables = old.differences(new);
     tables.retain(theirs);
     if tables.is_empty() {
@@ -67,26 +67,5 @@ pub(super) fn may_lead(order: &Order, before: &str, text: &str) -> Result<(), Pr
             return Err(problem.with_hint(format!("[ports] allow = [\"{port}\"]")));
         }
     }
-    let places: Vec<_> = old
-        .webhooks
-        .values()
-        .map(|hook| target::place(&hook.url))
-        .collect();
-    for hook in new.webhooks.values() {
-        let place = target::place(&hook.url);
-        if places.contains(&place) {
-            continue;
-        }
-        // The address behind a name is checked when something is sent there.
-        let inner = place.and_then(|(host, port)| {
-            let address = target::literal(&host).filter(|address| target::is_inner(*address))?;
-            Some((host, port, address))
-        });
-        if let Some((host, port, address)) = inner
-            && !target::is_allowed(&new.allowed.webhooks, (&host, port), address)
-        {
-            return Err(target::refused(&host, port));
-        }
-    }
-    Ok(())
+    northbound::may_lead(&old, &new)
 }

@@ -1,5 +1,6 @@
 //! Requests that change the configuration, as edits of its text.
 
+use crate::northbound;
 use railbus_api::problem::{Problem, codes};
 use railbus_device::{Family, Setup};
 use railbus_site::Config;
@@ -114,7 +115,7 @@ pub(crate) fn remove(text: &str, kind: &'static str, name: &str) -> Result<Strin
     change::remove(text, &[kind, name]).map_err(|why| problem(kind, name, why))
 }
 
-/// Writes a whole group, scene, rule or webhook.
+/// Writes a whole group, scene, rule or outlet.
 pub(crate) fn put(
     text: &str,
     kind: &'static str,
@@ -130,18 +131,8 @@ fn known(text: &str) -> Config {
 }
 
 fn must_be(text: &str, kind: &'static str, name: &str) -> Result<(), Problem> {
-    let Ok(config) = Config::parse(text) else {
-        return Ok(());
-    };
-    let is_there = match kind {
-        "line" => config.lines.contains_key(name),
-        "group" => config.groups.contains_key(name),
-        "scene" => config.scenes.contains_key(name),
-        "webhook" => config.webhooks.contains_key(name),
-        "rule" => config.rules.contains_key(name),
-        _ => config.modules.contains_key(name),
-    };
-    match is_there {
+    // Errors in the text are reported when the change is checked.
+    match Config::parse(text).is_err() || change::keys_of(text, &[kind, name]).is_some() {
         true => Ok(()),
         false => Err(problem(kind, name, Refused::NotThere)),
     }
@@ -230,11 +221,10 @@ fn problem(kind: &'static str, name: &str, why: Refused) -> Problem {
         Refused::NotThere => Problem::new(match kind {
             "line" => codes::NO_SUCH_LINE,
             "module" => codes::NO_SUCH_MODULE,
-            "webhook" => codes::NO_SUCH_HOOK,
             "group" => codes::NO_SUCH_GROUP,
             "scene" => codes::NO_SUCH_SCENE,
             "rule" => codes::NO_SUCH_RULE,
-            _ => codes::NO_SUCH_PAGE,
+            table => northbound::of_table(table).map_or(codes::NO_SUCH_PAGE, |kind| kind.missing),
         }),
         Refused::Taken => return taken(kind, name),
         Refused::Text => Problem::new(codes::NOT_EDITABLE),

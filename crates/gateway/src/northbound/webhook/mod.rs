@@ -5,10 +5,11 @@
 mod hook;
 mod request;
 mod routes;
+mod schema;
 mod secrets;
-pub(crate) mod target;
+mod target;
 
-pub(crate) use routes::ROUTES;
+pub(super) use schema::KIND;
 
 use hook::Hook;
 use hyper::body::Bytes;

@@ -25,7 +25,7 @@ use std::time::Instant;
 use utoipa::ToSchema;
 
 /// The routes of this file.
-pub(crate) const ROUTES: &[Route] = &[
+pub(super) const ROUTES: &[Route] = &[
     Route::new("GET", "/webhooks", Need::ENGINEER, || get(list)).doc(
         Doc::new("Who is told of events over HTTP, and how that goes").answers::<WebhookList>(),
     ),

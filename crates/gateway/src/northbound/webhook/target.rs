@@ -2,11 +2,12 @@
 //! listens on its own machine, or beside it where no other machine is let in.
 
 use railbus_api::problem::{Problem, codes};
+use railbus_site::Config;
 use railbus_site::paths::matches;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, UdpSocket};
 
 /// The host and the port of an address of a webhook; none of what is no such address.
-pub(crate) fn place(url: &str) -> Option<(String, u16)> {
+pub(super) fn place(url: &str) -> Option<(String, u16)> {
     let url: hyper::Uri = url.parse().ok()?;
     let usual = match url.scheme_str()? {
         "https" => 443,
@@ -17,8 +18,30 @@ pub(crate) fn place(url: &str) -> Option<(String, u16)> {
     Some((host.to_owned(), url.port_u16().unwrap_or(usual)))
 }
 
+/// Refuses new receivers on this machine or its link that the owner does not allow.
+pub(super) fn may_lead(old: &Config, new: &Config) -> Result<(), Problem> {
+    let places: Vec<_> = old.webhooks.values().map(|hook| place(&hook.url)).collect();
+    for hook in new.webhooks.values() {
+        let place = place(&hook.url);
+        if places.contains(&place) {
+            continue;
+        }
+        // The address behind a name is checked when something is sent there.
+        let inner = place.and_then(|(host, port)| {
+            let address = literal(&host).filter(|address| is_inner(*address))?;
+            Some((host, port, address))
+        });
+        if let Some((host, port, address)) = inner
+            && !is_allowed(&new.allowed.webhooks, (&host, port), address)
+        {
+            return Err(refused(&host, port));
+        }
+    }
+    Ok(())
+}
+
 /// The address that a host is as it is written, whoever is asked for its name.
-pub(crate) fn literal(host: &str) -> Option<IpAddr> {
+pub(super) fn literal(host: &str) -> Option<IpAddr> {
     match host.eq_ignore_ascii_case("localhost") {
         true => Some(Ipv4Addr::LOCALHOST.into()),
         false => host.parse().ok(),
@@ -26,7 +49,7 @@ pub(crate) fn literal(host: &str) -> Option<IpAddr> {
 }
 
 /// Whether the owner allows a receiver, by the name under which it stands or by its address.
-pub(crate) fn is_allowed(allowed: &[String], (host, port): (&str, u16), address: IpAddr) -> bool {
+pub(super) fn is_allowed(allowed: &[String], (host, port): (&str, u16), address: IpAddr) -> bool {
     let names = [host.to_ascii_lowercase(), address.to_string()];
     let fits = |pattern: &String, name: &str| {
         let name = if name.contains(':') {
@@ -44,7 +67,7 @@ pub(crate) fn is_allowed(allowed: &[String], (host, port): (&str, u16), address:
 }
 
 /// Why an event is not sent there.
-pub(crate) fn refused(host: &str, port: u16) -> Problem {
+pub(super) fn refused(host: &str, port: u16) -> Problem {
     let host = if host.contains(':') {
         format!("[{host}]")
     } else {
@@ -55,7 +78,7 @@ pub(crate) fn refused(host: &str, port: u16) -> Problem {
 
 /// Whether an address is of this machine, of its link only, or of nobody in particular. Networks
 /// of plants (10/8 and the like) are no such addresses: receivers stand there.
-pub(crate) fn is_inner(address: IpAddr) -> bool {
+pub(super) fn is_inner(address: IpAddr) -> bool {
     let address = address.to_canonical();
     let is_special = match address {
         IpAddr::V4(v4) => is_special(v4),
