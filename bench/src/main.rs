@@ -10,7 +10,8 @@
 //! railbus-bench gateway                the whole program: writes, changes, a flood, many lines
 //! railbus-bench gateway --check        the same, and fails where a limit is exceeded
 //! railbus-bench gateway --write        the same, into its section of the page
-//! railbus-bench subscribers            what those cost who follow the site over WebSockets
+//! railbus-bench clients                what followers and requests cost the daemon
+//! railbus-bench clients --write        the same, into its section of the page
 //! railbus-bench --check                what must never get worse; for CI
 //! ```
 //!
@@ -19,6 +20,7 @@
 //! the number is the same in every run on every load. Times are medians of interleaved rounds.
 //! Beside everything stands its *floor*: the least program with the same bytes in and out.
 
+mod clients;
 mod codec;
 mod count;
 mod daemon;
@@ -34,7 +36,6 @@ mod paced;
 mod page;
 mod responder;
 mod scene;
-mod subscribers;
 mod table;
 
 use codec::After;
@@ -57,7 +58,7 @@ const PAGE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/performance.md"
 
 const USAGE: &str = "usage: railbus-bench \
     [all [--write FILE] | codec [--check | --update] | line [--count] | paced | \
-    gateway [--check | --write] | subscribers | --check]";
+    gateway [--check | --write] | clients [--write] | --check]";
 
 fn run(args: &[&str]) -> Result<(), String> {
     match *args {
@@ -72,8 +73,9 @@ fn run(args: &[&str]) -> Result<(), String> {
         ["line", "--count"] => line::counts().map(|counts| print!("{counts}")),
         ["paced"] => paced::tables().map(|[wire, strict]| print!("{wire}\n{strict}")),
         ["gateway"] => gateway::measure().map(|told| print!("{told}")),
-        ["subscribers"] => subscribers::table().map(|table| print!("{table}")),
-        ["gateway", "--write"] => page::renew(PAGE),
+        ["clients"] => clients::measure().map(|told| print!("{told}")),
+        ["clients", "--write"] => page::renew_clients(PAGE),
+        ["gateway", "--write"] => page::renew_gateway(PAGE),
         ["gateway", "--check"] => gateway::measure().and_then(|told| {
             print!("{told}");
             told.check()

@@ -1,13 +1,15 @@
-//! What those cost who follow the site over WebSockets, and how long a change takes to all of them.
+//! What clients cost that follow a site over WebSockets or ask for its points, and how long a
+//! change takes to all followers.
 //!
 //! 256 relays of boards of a few lines, over TCP; 200 of them a second change by themselves, and
 //! are noticed by polling. A few of the clients measure, the others only read.
 
-use crate::daemon::{Folder, address_in, start};
+use crate::daemon::{Folder, address_in, build, start};
 use crate::gateway::used;
 use crate::latency::ask;
 use crate::table::{Table, median, percentile};
 use std::collections::HashMap;
+use std::fmt;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::os::unix::net::UnixStream;
@@ -31,6 +33,13 @@ const ROUND: Duration = Duration::from_secs(5);
 const WARM_UP: Duration = Duration::from_secs(1);
 /// How many of them measure.
 const JUDGES: usize = 8;
+/// What is requested, what of it, and how often in a row, on one connection.
+const GETS: [(&str, &str, u32); 2] = [
+    ("/api/v1/points/b0_1/k1", "one point", 10_000),
+    ("/api/v1/points", "all 256 points", 5_000),
+];
+/// How far behind the plant may fall before changes are left out.
+const BEHIND_MAX: Duration = Duration::from_millis(200);
 
 /// When each relay last changed, by its path.
 type Changed = Mutex<HashMap<String, Instant>>;
@@ -54,8 +63,7 @@ impl Plant {
         if now < due.0 {
             return;
         }
-        // What could not be done in time is not done at once.
-        due.0 = (due.0 + EVERY).max(now - EVERY);
+        due.0 = (due.0 + EVERY).max(now - BEHIND_MAX);
         due.1 += 1;
         let relay = due.1 * 5 % 8;
         *relays ^= 1 << relay;
@@ -192,8 +200,45 @@ fn case(
     })
 }
 
-/// The table of them.
-pub fn table() -> Result<Table, String> {
+/// The daemon's processor time for one of these requests, in ms.
+fn get(
+    process: u32,
+    (address, token): (&str, &str),
+    (path, count): (&str, u32),
+    idle: f64,
+) -> Result<f64, String> {
+    let stream = TcpStream::connect(address).map_err(|why| why.to_string())?;
+    let _ = stream.set_nodelay(true);
+    let head = format!("Host: {address}\r\nAuthorization: Bearer {token}\r\n");
+    let (begun, before) = (Instant::now(), used(process)?);
+    for _ in 0..count {
+        let answer = ask(&stream, "GET", path, &head, "")?;
+        if !answer.starts_with("HTTP/1.1 200") {
+            return Err(format!("GET {path}: {answer}"));
+        }
+    }
+    let passed = begun.elapsed().as_secs_f64();
+    let used = used(process)?.0 - before.0 - passed * idle / 100.0;
+    Ok(used / f64::from(count) * 1e3)
+}
+
+/// What was measured.
+pub struct Clients {
+    /// Subscribers, by their number.
+    pub subscribers: Table,
+    /// Requests.
+    pub gets: Table,
+}
+
+impl fmt::Display for Clients {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}\n{}", self.subscribers, self.gets)
+    }
+}
+
+/// Measures all of it.
+pub fn measure() -> Result<Clients, String> {
+    build()?;
     let plant = Arc::new(Plant {
         changed: Mutex::default(),
         due: Mutex::new((Instant::now(), 0)),
@@ -232,10 +277,23 @@ pub fn table() -> Result<Table, String> {
     let token = token.ok_or_else(|| format!("no token: {made}"))?;
     std::thread::sleep(Duration::from_secs(5));
     let mut cases: [Vec<Case>; CASES.len()] = Default::default();
+    let mut gets: [Vec<f64>; GETS.len()] = Default::default();
     for _ in 0..ROUNDS {
         for (count, cases) in CASES.iter().zip(&mut cases) {
             cases.push(case(daemon.id(), (address, token), &plant, *count)?);
         }
+        let idle = cases[0].last().map_or(0.0, |case| case.share);
+        for ((path, _, count), took) in GETS.iter().zip(&mut gets) {
+            took.push(get(daemon.id(), (address, token), (path, *count), idle)?);
+        }
+    }
+    let mut requests = Table::new(&["request", "what", "processor time, ms"]);
+    for ((path, what, _), took) in GETS.iter().zip(&mut gets) {
+        requests.row(&[
+            &format!("`GET {path}`"),
+            what,
+            &format!("{:.3}", median(took)),
+        ]);
     }
     let mut table = Table::new(&[
         "subscribers",
@@ -264,5 +322,8 @@ pub fn table() -> Result<Table, String> {
             &format!("{:.1}", of(|case| case.memory)),
         ]);
     }
-    Ok(table)
+    Ok(Clients {
+        subscribers: table,
+        gets: requests,
+    })
 }
