@@ -15,19 +15,16 @@ use railbus_api::ops::{
 };
 use railbus_api::problem::{Problem, codes};
 use railbus_app::api::{ask, convert, failures};
-use railbus_app::scan::{addresses, could_be, evidence, ranges, setup};
-use railbus_commission::scan::{
-    Depth, Found, Known, LeftOut, Met, Progress, Scanner, Scope, Step, Wish,
-};
+use railbus_app::scan::{ScanEnd, addresses, could_be, drive, evidence, met, ranges, setup};
+use railbus_commission::scan::{Depth, Found, Known, LeftOut, Progress, Scanner, Scope, Wish};
 use railbus_device::Setup;
-use railbus_host::{LineName, LineState};
+use railbus_host::{LineName, LineState, Probe};
 use railbus_site::config::add::free_name;
-use railbus_site::{Failure, LineStatus, RawTerms, Service};
-use railbus_wire::{Baud, Instant, Micros, Protocol};
+use railbus_site::{LineStatus, RawTerms, Service};
+use railbus_wire::{Baud, Micros, Protocol};
+use std::ops::ControlFlow;
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
 use tokio::task::JoinSet;
-use tokio::time::sleep_until;
 
 /// The routes of this file.
 pub(super) const ROUTES: &[Route] = &[Route::new("POST", "/scans", Need::ENGINEER, || post(begin))
@@ -37,9 +34,6 @@ pub(super) const ROUTES: &[Route] = &[Route::new("POST", "/scans", Need::ENGINEE
             .answers::<OpBegun>()
             .status("202"),
     )];
-
-/// A request that takes this long waits for a silence that never comes.
-const UNSENT_MAX: Duration = Duration::from_secs(10);
 
 async fn begin(order: Order) -> Answer {
     let (here, name) = (order.site.clone(), order.who.name.clone());
@@ -378,52 +372,35 @@ async fn scan(
     line: String,
     mut scanner: Scanner,
 ) -> End {
-    let start = tokio::time::Instant::now();
-    let now = || Instant(u64::try_from(start.elapsed().as_micros()).unwrap_or(u64::MAX));
-    let noisy = || Problem::new(codes::SCAN_NOISE).with("line", line.as_str());
-    let end = loop {
-        let probe = match scanner.next(now()) {
-            Step::Done if scanner.is_noisy() => break End::Failed(noisy()),
-            Step::Done => break End::Complete,
-            Step::Found(_) => {
-                run.put(index, Part::of(&line, &scanner));
-                continue;
-            }
-            Step::Ask(probe) => probe,
-        };
-        run.progress(index, scanner.progress());
+    let probe = |probe: Probe| {
         let terms = RawTerms {
             settings: Some(probe.settings),
             gap: Some(probe.gap),
             timeout: Some(probe.timeout),
             clear: probe.clear,
         };
-        let met = tokio::select! {
-            met = run.service.raw(&line, probe.exchange, terms) => met,
-            () = run.op.cancelled() => break End::Cancelled,
-            () = ended(&mut site.stop) => break End::Cancelled,
-            // Nothing is sent before the line is silent.
-            () = sleep_until(tokio::time::Instant::now() + UNSENT_MAX) => {
-                break End::Failed(noisy());
-            }
-        };
-        match met {
-            Ok(met) => scanner.met(
-                now(),
-                Met {
-                    outcome: met.outcome,
-                    bytes: met.bytes,
-                    after: met.after,
-                    late: met.late,
-                },
-            ),
-            Err(failure) => break End::Failed(lost(&run.service, &line, &failure)),
+        let result = run.service.raw(&line, probe.exchange, terms);
+        async { result.await.map(met) }
+    };
+    let stop = async {
+        tokio::select! {
+            () = run.op.cancelled() => {}
+            () = ended(&mut site.stop) => {}
         }
+    };
+    let see = |scanner: &Scanner, found: Option<usize>| {
+        match found {
+            Some(_) => run.put(index, Part::of(&line, scanner)),
+            None => run.progress(index, scanner.progress()),
+        }
+        ControlFlow::Continue(())
+    };
+    let end = match drive(&mut scanner, probe, stop, see).await {
+        ScanEnd::Complete => End::Complete,
+        ScanEnd::Stopped(()) => End::Cancelled,
+        ScanEnd::Noise => End::Failed(Problem::new(codes::SCAN_NOISE).with("line", line.as_str())),
+        ScanEnd::Failed(failure) => End::Failed(failures::of_line(&run.service, &line, &failure)),
     };
     run.put(index, Part::ended(&line, &scanner));
     end
-}
-
-fn lost(service: &Service, line: &str, failure: &Failure) -> Problem {
-    failures::of_line(service, line, failure)
 }

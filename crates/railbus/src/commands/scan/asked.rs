@@ -7,6 +7,7 @@ use crate::commands::place::{Place, port_failure};
 use railbus_api::sending::{LateAnswer, SendRequest};
 use railbus_api::types::Outcome;
 use railbus_app::failure::Failure;
+use railbus_app::scan::met;
 use railbus_commission::read_request;
 use railbus_commission::scan::Met;
 use railbus_host::{LateReply, Line, LineConfig, Probe, Probed};
@@ -42,14 +43,8 @@ impl Asked {
     ) -> Result<Met, Failure> {
         match self {
             Asked::Line(line) => {
-                let met = line.probe(probe).await;
-                let met = met.map_err(|_| Failure::of(context.lang, Code::LineClosed))?;
-                Ok(Met {
-                    outcome: met.outcome,
-                    bytes: met.bytes,
-                    after: met.after,
-                    late: met.late,
-                })
+                let result = line.probe(probe).await.map(met);
+                result.map_err(|_| Failure::of(context.lang, Code::LineClosed))
             }
             Asked::Daemon(backend) => ask_daemon(backend, context, place, &probe).await,
         }

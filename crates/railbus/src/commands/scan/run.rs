@@ -6,14 +6,12 @@ use crate::commands::Context;
 use crate::commands::place::Place;
 use crate::commands::stop::Stop;
 use railbus_app::failure::Failure;
-use railbus_commission::scan::{Scanner, Step};
-use railbus_wire::{Instant, Micros};
+use railbus_app::scan::{ScanEnd, drive};
+use railbus_commission::scan::Scanner;
+use railbus_wire::Micros;
 use std::ops::ControlFlow;
 use std::time::Duration;
 use tokio::time::sleep_until;
-
-/// A request that takes this long waits for a silence that never comes.
-const UNSENT_MAX: Duration = Duration::from_secs(10);
 
 /// How a scan ended.
 #[derive(Debug)]
@@ -53,43 +51,37 @@ pub(super) async fn scan(
 ) -> Result<Report, Failure> {
     let estimate = scanner.progress().left;
     let start = tokio::time::Instant::now();
-    let now = || Instant(u64::try_from(start.elapsed().as_micros()).unwrap_or(u64::MAX));
-    let time_up = async {
-        match max_time {
-            Some(time) => sleep_until(start + Duration::from_micros(time.0)).await,
-            None => std::future::pending().await,
+    let stop = async {
+        let time_up = async {
+            match max_time {
+                Some(time) => sleep_until(start + Duration::from_micros(time.0)).await,
+                None => std::future::pending().await,
+            }
+        };
+        tokio::select! {
+            () = stop.requested() => Ok(End::Interrupted),
+            () = time_up => Ok(End::TimeUp),
         }
     };
-    let mut time_up = std::pin::pin!(time_up);
-    let end = loop {
-        match scanner.next(now()) {
-            Step::Done if scanner.is_noisy() => break End::Noise,
-            Step::Done => break End::Complete,
-            Step::Found(index) => {
-                let found = scanner.found().get(index);
-                if let Some(found) = found
-                    && let ControlFlow::Break(()) = live.found(found)?
-                {
-                    break End::Unread;
-                }
-            }
-            Step::Ask(probe) => {
-                live.progress(&scanner);
-                let met = tokio::select! {
-                    met = asked.probe(context, place, probe) => met,
-                    () = stop.requested() => break End::Interrupted,
-                    () = &mut time_up => break End::TimeUp,
-                    // Nothing is sent before the line is silent.
-                    () = sleep_until(tokio::time::Instant::now() + UNSENT_MAX) => break End::Noise,
-                };
-                match met {
-                    Ok(met) => scanner.met(now(), met),
-                    Err(failure) => break End::Lost(failure),
-                }
-            }
+    let probe = |probe| asked.probe(context, place, probe);
+    let see = |scanner: &Scanner, found: Option<usize>| {
+        let Some(found) = found.and_then(|index| scanner.found().get(index)) else {
+            live.progress(scanner);
+            return ControlFlow::Continue(());
+        };
+        match live.found(found) {
+            Ok(ControlFlow::Continue(())) => ControlFlow::Continue(()),
+            Ok(ControlFlow::Break(())) => ControlFlow::Break(Ok(End::Unread)),
+            Err(failure) => ControlFlow::Break(Err(failure)),
         }
     };
-    let took = Micros(now().0);
+    let end = match drive(&mut scanner, probe, stop, see).await {
+        ScanEnd::Complete => End::Complete,
+        ScanEnd::Noise => End::Noise,
+        ScanEnd::Stopped(why) => why?,
+        ScanEnd::Failed(failure) => End::Lost(failure),
+    };
+    let took = Micros(u64::try_from(start.elapsed().as_micros()).unwrap_or(u64::MAX));
     live.clear();
     asked.close().await;
     Ok(Report {
