@@ -1,6 +1,7 @@
 //! Changes of module settings for commands and gateway: the module, the port, what a change would
-//! write, and its result.
+//! write, the driver of its procedure, and its result.
 
+pub mod drive;
 pub mod log;
 pub mod outcome;
 pub mod plan;

@@ -1,11 +1,8 @@
 //! A port opened exclusively: sends the requests of a procedure, and receives the replies.
 
-use jiff::Timestamp;
-use railbus_commission::{Ask, Heard, Record};
+use railbus_commission::{Ask, Heard};
 use railbus_host::{AnyPort, LineName, Medium, Past, Port, PortError, SerialOptions};
-use railbus_store::journal::Store;
 use railbus_wire::{Frame, Instant, Micros, Settings};
-use railbus_words::time;
 use std::time::Duration;
 use tokio::time::{Instant as Moment, timeout_at};
 
@@ -31,7 +28,6 @@ impl Talk {
     /// Opens a port.
     ///
     /// # Errors
-    /// Why it can't be opened.
     /// Why it can't be opened.
     pub async fn open(name: &LineName, settings: Settings) -> Result<Talk, PortError> {
         let options = SerialOptions {
@@ -137,15 +133,6 @@ impl Talk {
         }
         Ok(heard)
     }
-}
-
-/// Writes a record, with the time.
-///
-/// # Errors
-/// If it can't be written to disk.
-pub fn keep(store: &mut Store, mut record: Record) -> std::io::Result<()> {
-    record.at = time::rfc3339(Timestamp::now());
-    store.append(record)
 }
 
 /// Some replies repeat the request: only if the adapter is known to echo, or if more follows, is

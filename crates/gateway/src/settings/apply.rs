@@ -1,7 +1,7 @@
 //! A change of settings as an operation: takes exclusive access to the line, drives the procedure
 //! on its port, updates the configuration, and releases the line.
 
-use super::drive::{Drive, journal, on_loan, open};
+use super::drive::{Run, journal, on_loan, open};
 use super::settings_request::{Plan, SettingsRequest};
 use railbus_api::ops::{OpBegun, OpInfo};
 use railbus_api::problem::Problem;
@@ -18,7 +18,7 @@ struct Apply {
     wish: SettingsRequest,
     plan: Plan,
     who: String,
-    drive: Drive,
+    run: Run,
     /// The number of the change.
     change: u64,
     /// How it ended, for the audit log.
@@ -38,12 +38,12 @@ pub(super) async fn begin(
     };
     let op = wish.site.ops.begin(info(&wish, &who, &plan, change))?;
     let begun = OpBegun { op: op.info().op };
-    let drive = Drive::new(&wish, op, store);
+    let run = Run::new(&wish, op, store);
     let carry = Apply {
         wish,
         plan,
         who,
-        drive,
+        run,
         change,
         audited: NOT_TRIED,
     };
@@ -99,7 +99,7 @@ impl Apply {
             }
             false => self.logged().await,
         };
-        self.drive.end(end);
+        self.run.end(end);
     }
 
     /// With its entry in the audit log.
@@ -112,7 +112,7 @@ impl Apply {
         let refused = |failure| failures::problem(service, &self.wish.module, None, &failure);
         let work = work.map_err(refused)?;
         let (site, service) = (self.wish.site.clone(), self.wish.service.clone());
-        let op = self.drive.op.clone();
+        let op = self.run.op.clone();
         let line = self.plan.target.line.clone();
         let end = on_loan((&site, &op), &service, &line, self.on_line()).await;
         work.end(self.audited).await;
@@ -138,18 +138,16 @@ impl Apply {
             by: self.plan.by,
             undoes: self.plan.undoes,
         };
-        let end = self.drive.run(&mut talk, change(job)).await;
+        let end = self.run.procedure(&mut talk, change(job)).await;
         drop(talk);
-        self.audited = audited(&end, self.drive.has_written);
+        self.audited = audited(&end, self.run.has_written);
         let failed = |trouble: Trouble| outcome::trouble(lang, &target, &trouble).to_problem();
         let end = end.map_err(failed)?;
         self.found(&end);
         if let Ended::Done(found) | Ended::Halfway(found, _) = &end {
-            let last = self.drive.last_word(self.change);
+            let last = self.run.journal.last(self.change);
             let who = self.who.clone();
-            self.drive
-                .follow(&self.wish, &who, found.place, last)
-                .await?;
+            self.run.follow(&self.wish, &who, found.place, last).await?;
         }
         let told = outcome::ended(lang, &target, self.change, &end);
         told.map_err(|failure| failure.to_problem())
@@ -158,7 +156,7 @@ impl Apply {
     /// Reports how it ended.
     fn found(&self, end: &Ended) {
         let place = end.found().map(|found| placed(self.wish.lang, found.place));
-        self.drive.op.tell(|info| {
+        self.run.op.tell(|info| {
             if let Some(run) = &mut info.settings {
                 run.end = Some(end.name().to_owned());
                 run.place = place;

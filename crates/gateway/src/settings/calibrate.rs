@@ -1,7 +1,7 @@
 //! A calibration as an operation: it asks before each of its two steps, and may be cancelled there.
 
 use super::apply::NOT_TRIED;
-use super::drive::{Drive, journal, on_loan, open};
+use super::drive::{Run, journal, on_loan, open};
 use super::settings_request::SettingsRequest;
 use railbus_api::ops::{OpBegun, OpInfo};
 use railbus_api::problem::{Problem, codes};
@@ -25,7 +25,7 @@ struct Work {
     job: Job,
     /// The voltage at the inputs in the second step, in hundredths.
     voltage: u16,
-    drive: Drive,
+    run: Run,
 }
 
 /// Starts it, if the module has one.
@@ -76,13 +76,13 @@ pub(super) async fn begin(
             .begins_now("calibration", vec![target.line.clone()], who)
     })?;
     let begun = OpBegun { op: op.info().op };
-    let drive = Drive::new(&wish, op, store);
+    let run = Run::new(&wish, op, store);
     let work = Work {
         wish,
         target,
         job,
         voltage,
-        drive,
+        run,
     };
     tokio::spawn(work.run());
     Ok(begun)
@@ -110,13 +110,13 @@ fn audited(end: &Result<Calibrated, Trouble>, has_written: bool) -> End {
 impl Work {
     async fn run(mut self) {
         let end = self.logged().await;
-        self.drive.end(end);
+        self.run.end(end);
     }
 
     /// With its entry in the audit log, and exclusive access to the line.
     async fn logged(&mut self) -> Result<(), Problem> {
         let (site, service) = (self.wish.site.clone(), self.wish.service.clone());
-        let op = self.drive.op.clone();
+        let op = self.run.op.clone();
         let (module, line) = (self.target.name.clone(), self.target.line.clone());
         let volts = self.voltage;
         let what = format!(
@@ -136,13 +136,13 @@ impl Work {
     async fn on_line(&mut self, told: &mut End) -> Result<(), Problem> {
         let mut talk = open(&self.target).await?;
         let procedure = calibrate(self.job.clone(), self.voltage);
-        let end = self.drive.run(&mut talk, procedure).await;
+        let end = self.run.procedure(&mut talk, procedure).await;
         drop(talk);
-        *told = audited(&end, self.drive.has_written);
+        *told = audited(&end, self.run.has_written);
         let lang = self.wish.lang;
         let failed = |trouble: Trouble| outcome::trouble(lang, &self.target, &trouble).to_problem();
         let done = end.map_err(failed)?;
-        self.drive.op.tell(|info| {
+        self.run.op.tell(|info| {
             info.done = u64::from(done.zero.is_some()) + u64::from(done.span.is_some());
             if let Some(run) = &mut info.settings {
                 run.calibration = Some(told::calibration(&done));

@@ -11,12 +11,11 @@ use railbus_api::ops::OpState;
 use railbus_api::problem::{Problem, codes};
 use railbus_app::api::{failures, settings as told};
 use railbus_app::failure::Failure;
+use railbus_app::settings::drive::{Drive, DriveStep, Journal};
 use railbus_app::settings::outcome::{not_followed, placed, store_failure};
-use railbus_app::settings::talk::{Talk, keep};
+use railbus_app::settings::talk::Talk;
 use railbus_app::settings::target::Target;
-use railbus_commission::{
-    Act, Event, Log, Place, Procedure, Progress, Question, Record, State, Step,
-};
+use railbus_commission::{Place, Procedure, Progress, Question, Record, State};
 use railbus_site::Service;
 use railbus_site::config::edit;
 use railbus_store::journal::Store;
@@ -29,14 +28,12 @@ use tokio::sync::watch;
 /// How long to wait for an answer: the line is not polled meanwhile.
 const ANSWER_MAX: Duration = Duration::from_secs(300);
 
-/// A procedure in progress.
-pub(super) struct Drive {
+/// A procedure as an operation.
+pub(super) struct Run {
     lang: Lang,
     pub(super) op: Op,
     stop: watch::Receiver<bool>,
-    /// The journal; none while it is being written.
-    store: Option<Store>,
-    is_stopped: bool,
+    pub(super) journal: Journal,
     /// A write was started: failures from then on may have acted.
     pub(super) has_written: bool,
 }
@@ -87,25 +84,15 @@ pub(super) async fn open(target: &Target) -> Result<Talk, Problem> {
     })
 }
 
-impl Drive {
-    pub(super) fn new(wish: &SettingsRequest, op: Op, store: Store) -> Drive {
-        Drive {
+impl Run {
+    pub(super) fn new(wish: &SettingsRequest, op: Op, store: Store) -> Run {
+        Run {
             lang: wish.lang,
             op,
             stop: wish.site.stop.clone(),
-            store: Some(store),
-            is_stopped: false,
+            journal: Journal::new(Some(store)),
             has_written: false,
         }
-    }
-
-    pub(super) fn log(&self) -> Option<&Log> {
-        self.store.as_ref().map(Store::log)
-    }
-
-    /// The newest record of a change.
-    pub(super) fn last_word(&self, change: u64) -> Option<Record> {
-        self.log()?.change(change).last().cloned()
     }
 
     /// The operation has ended.
@@ -125,136 +112,23 @@ impl Drive {
         });
     }
 
-    /// Asks the followers of the operation. Cancelling it, or not answering in time, counts as no.
-    async fn ask(&mut self, question: Question) -> bool {
-        if self.is_stopped {
-            return false;
-        }
-        let answer = self.op.ask();
-        self.op.tell(|info| {
-            if let Some(run) = &mut info.settings {
-                run.question = Some(told::question(question, ANSWER_MAX));
-            }
-        });
-        let mut stop = self.stop.clone();
-        let said = tokio::select! {
-            said = answer => said.ok(),
-            () = self.op.cancelled() => None,
-            () = ended(&mut stop) => None,
-            () = tokio::time::sleep(ANSWER_MAX) => None,
-        };
-        self.is_stopped |= said.is_none();
-        self.op.tell(|info| {
-            if let Some(run) = &mut info.settings {
-                run.question = None;
-            }
-        });
-        said == Some(true)
-    }
-
     /// Runs a procedure to its end, or to where it is safe to stop.
-    pub(super) async fn run<T>(&mut self, talk: &mut Talk, mut procedure: Procedure<T>) -> T {
-        let mut event = Event::Begin;
+    pub(super) async fn procedure<T>(&mut self, talk: &mut Talk, procedure: Procedure<T>) -> T {
+        let mut drive = Drive::new(talk, &mut self.journal, procedure);
         loop {
-            let act = match procedure.next(talk.now(), event) {
-                Step::Done(end) => {
-                    talk.settle().await;
-                    return end;
+            match drive.next(stopped(&self.op, &self.stop)).await {
+                DriveStep::Done(end) => return end,
+                DriveStep::Tell(progress) => {
+                    self.has_written |=
+                        matches!(progress, Progress::Writing(..) | Progress::Calibrating);
+                    tell(&self.op, self.lang, progress);
                 }
-                Step::Do(act) => act,
-            };
-            event = match act {
-                Act::Journal(record) => Event::Kept(self.keep(record).await),
-                Act::Ask(ask) => {
-                    let asking = talk.ask(&ask);
-                    Event::Heard(self.unless_stopped(&mut procedure, asking).await)
-                }
-                Act::Wait(time) => {
-                    let time = Duration::from_micros(time.0);
-                    self.unless_stopped(&mut procedure, tokio::time::sleep(time))
-                        .await;
-                    Event::Over
-                }
-                Act::Tell(progress) => {
-                    self.tell(progress);
-                    Event::Over
-                }
-                Act::Confirm(question) => {
-                    let answer = self.ask(question).await;
-                    if self.is_stopped {
-                        procedure.stop();
-                    }
-                    Event::Answer(answer)
-                }
-            };
-        }
-    }
-
-    /// Carries out one action; if the operation is cancelled meanwhile, the procedure is informed.
-    async fn unless_stopped<T, A: Future>(
-        &mut self,
-        procedure: &mut Procedure<T>,
-        act: A,
-    ) -> A::Output {
-        let mut act = pin!(act);
-        if !self.is_stopped {
-            let mut stop = self.stop.clone();
-            tokio::select! {
-                end = &mut act => return end,
-                () = self.op.cancelled() => {}
-                () = ended(&mut stop) => {}
+                DriveStep::Confirm(question) => match ask(&self.op, &self.stop, question).await {
+                    Some(answer) => drive.answer(answer),
+                    None => drive.stop(),
+                },
             }
-            self.is_stopped = true;
-            procedure.stop();
         }
-        act.await
-    }
-
-    /// Writes a record to the journal; true once it is durable.
-    pub(super) async fn keep(&mut self, record: Record) -> bool {
-        let Some(mut store) = self.store.take() else {
-            return false;
-        };
-        let kept = tokio::task::spawn_blocking(move || {
-            let kept = keep(&mut store, record).is_ok();
-            (store, kept)
-        });
-        let Ok((store, kept)) = kept.await else {
-            return false;
-        };
-        self.store = Some(store);
-        kept
-    }
-
-    fn tell(&mut self, progress: Progress) {
-        self.has_written |= matches!(progress, Progress::Writing(..) | Progress::Calibrating);
-        let lang = self.lang;
-        self.op.tell(|info| {
-            let Some(run) = &mut info.settings else {
-                return;
-            };
-            run.power_left_s = None;
-            run.looking = match progress {
-                Progress::Looking(place) => Some(placed(lang, place)),
-                _ => None,
-            };
-            let stage = match progress {
-                Progress::Reading(_) => "reading",
-                Progress::Vacancy(_) => "vacancy",
-                Progress::Looking(_) => "looking",
-                Progress::Calibrating => "calibrating",
-                Progress::Writing(step, steps) => {
-                    (info.done, info.total) = (u64::from(step) - 1, u64::from(steps));
-                    info.percent = 100.0 * f64::from(step - 1) / f64::from(steps.max(1));
-                    "writing"
-                }
-                Progress::PowerCycle(left) => {
-                    run.power_left_s = Some(left);
-                    "power_cycle"
-                }
-            };
-            stage.clone_into(&mut run.stage);
-        });
     }
 
     /// Updates the module's place in the configuration file.
@@ -297,8 +171,67 @@ impl Drive {
         if let Some(last) = last {
             // The file is right already: if this fails, a recovery will only confirm that.
             let state = State::Filed;
-            self.keep(Record { state, ..last }).await;
+            self.journal.keep(Record { state, ..last }).await;
         }
         Ok(())
     }
+}
+
+/// Resolves when the operation is cancelled, or the daemon stops.
+async fn stopped(op: &Op, stop: &watch::Receiver<bool>) {
+    let mut stop = stop.clone();
+    tokio::select! {
+        () = op.cancelled() => {}
+        () = ended(&mut stop) => {}
+    }
+}
+
+/// Asks the followers of the operation. None if it is cancelled, or nobody answers in time.
+async fn ask(op: &Op, stop: &watch::Receiver<bool>, question: Question) -> Option<bool> {
+    let answer = op.ask();
+    op.tell(|info| {
+        if let Some(run) = &mut info.settings {
+            run.question = Some(told::question(question, ANSWER_MAX));
+        }
+    });
+    let said = tokio::select! {
+        said = answer => said.ok(),
+        () = stopped(op, stop) => None,
+        () = tokio::time::sleep(ANSWER_MAX) => None,
+    };
+    op.tell(|info| {
+        if let Some(run) = &mut info.settings {
+            run.question = None;
+        }
+    });
+    said
+}
+
+fn tell(op: &Op, lang: Lang, progress: Progress) {
+    op.tell(|info| {
+        let Some(run) = &mut info.settings else {
+            return;
+        };
+        run.power_left_s = None;
+        run.looking = match progress {
+            Progress::Looking(place) => Some(placed(lang, place)),
+            _ => None,
+        };
+        let stage = match progress {
+            Progress::Reading(_) => "reading",
+            Progress::Vacancy(_) => "vacancy",
+            Progress::Looking(_) => "looking",
+            Progress::Calibrating => "calibrating",
+            Progress::Writing(step, steps) => {
+                (info.done, info.total) = (u64::from(step) - 1, u64::from(steps));
+                info.percent = 100.0 * f64::from(step - 1) / f64::from(steps.max(1));
+                "writing"
+            }
+            Progress::PowerCycle(left) => {
+                run.power_left_s = Some(left);
+                "power_cycle"
+            }
+        };
+        stage.clone_into(&mut run.stage);
+    });
 }

@@ -1,7 +1,7 @@
 //! Searches for a module as an operation: one whose change was interrupted, or that is not where it
 //! should be. It only reads; where the module is found, the configuration is updated.
 
-use super::drive::{Drive, journal, on_loan, open};
+use super::drive::{Run, journal, on_loan, open};
 use super::settings_request::SettingsRequest;
 use railbus_api::ops::{OpBegun, OpInfo};
 use railbus_api::problem::Problem;
@@ -19,7 +19,7 @@ struct Work {
     who: String,
     /// The last record of a change without a known end.
     open: Option<Record>,
-    drive: Drive,
+    run: Run,
 }
 
 /// The result in one word, and the module.
@@ -43,13 +43,13 @@ pub(super) async fn begin(wish: SettingsRequest, who: String) -> Result<OpBegun,
         ..wish.site.ops.begins_now("recovery", lines, who.clone())
     })?;
     let begun = OpBegun { op: op.info().op };
-    let drive = Drive::new(&wish, op, store);
+    let run = Run::new(&wish, op, store);
     let work = Work {
         wish,
         target,
         who,
         open: record,
-        drive,
+        run,
     };
     tokio::spawn(work.run());
     Ok(begun)
@@ -58,10 +58,10 @@ pub(super) async fn begin(wish: SettingsRequest, who: String) -> Result<OpBegun,
 impl Work {
     async fn run(mut self) {
         let (site, service) = (self.wish.site.clone(), self.wish.service.clone());
-        let op = self.drive.op.clone();
+        let op = self.run.op.clone();
         let line = self.target.line.clone();
         let end = on_loan((&site, &op), &service, &line, self.on_line()).await;
-        self.drive.end(end);
+        self.run.end(end);
     }
 
     async fn on_line(&mut self) -> Result<(), Problem> {
@@ -71,7 +71,7 @@ impl Work {
         let (word, found) = end.map_err(failed)?;
         let place = found.map(|found| placed(lang, found.place));
         let way = (word == "two").then(|| parting(&self.target.setup).0);
-        self.drive.op.tell(|info| {
+        self.run.op.tell(|info| {
             if let Some(run) = &mut info.settings {
                 run.end = Some(word.to_owned());
                 run.looking = None;
@@ -83,10 +83,10 @@ impl Work {
             return Err(not_found(lang, &self.target, word == "two").to_problem());
         };
         let change = self.open.as_ref().map(|record| record.change);
-        let last = change.and_then(|change| self.drive.last_word(change));
+        let last = change.and_then(|change| self.run.journal.last(change));
         let last = last.filter(|last| last.state == State::Done);
         let who = self.who.clone();
-        self.drive.follow(&self.wish, &who, found.place, last).await
+        self.run.follow(&self.wish, &who, found.place, last).await
     }
 
     /// Looks where it should be, then further out. Other modules are not mistaken for it.
@@ -98,20 +98,24 @@ impl Work {
         let mut talk = open(target).await?;
         let here = Place::of(&target.setup);
         if let Some(record) = self.open.clone() {
-            let log = self.drive.log();
+            let log = self.run.journal.log();
             let earlier = log.map(|log| log.places(record.change)).unwrap_or_default();
             let work = recover(record, earlier, target.setup, true, others);
-            let end = self.drive.run(&mut talk, work).await;
+            let end = self.run.procedure(&mut talk, work).await;
             return Ok(end.map(traced));
         }
-        let known = self.drive.log().and_then(|log| log.unfiled(&target.name));
+        let known = self
+            .run
+            .journal
+            .log()
+            .and_then(|log| log.unfiled(&target.name));
         let search = Search {
             setup: target.setup,
             first: [here].into_iter().chain(known).collect(),
             outwards: true,
             others,
         };
-        let end = self.drive.run(&mut talk, look_up(search)).await;
+        let end = self.run.procedure(&mut talk, look_up(search)).await;
         Ok(end.map(|(found, garbled)| match found {
             Some(found) if found.place == here => ("in_place", Some(found)),
             Some(found) => ("moved", Some(found)),

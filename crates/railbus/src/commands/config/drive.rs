@@ -1,4 +1,4 @@
-//! Runs a procedure on a real line: sends its requests, writes the journal, informs the user.
+//! Runs a procedure on a line that this command has to itself, for a user at a terminal.
 
 use super::borrow::borrow;
 use super::texts::ConfigText;
@@ -7,25 +7,23 @@ use crate::commands::Context;
 use crate::commands::place::{Place as At, port_failure};
 use crate::commands::stop::Stop;
 use railbus_app::failure::Failure;
+use railbus_app::settings::drive::{Drive, DriveStep, Journal};
 use railbus_app::settings::outcome::placed;
-use railbus_app::settings::talk::{Talk, keep};
+use railbus_app::settings::talk::Talk;
 use railbus_app::settings::target::Target;
-use railbus_commission::{Act, Ask, Event, Heard, Procedure, Progress, Question, Record, Step};
+use railbus_commission::{Procedure, Progress, Question};
 use railbus_host::{EchoMode, LineName, PortError};
 use railbus_store::journal::Store;
 use railbus_wire::Settings;
 use railbus_words::Code;
 use std::io::{BufRead, IsTerminal, Write};
-use std::time::Duration;
-use tokio::time::Instant as Moment;
 
 /// A line that this command has to itself.
 pub(super) struct Driver<'c> {
     context: &'c Context,
     talk: Talk,
     stop: Stop,
-    store: Option<Store>,
-    told: Option<Progress>,
+    pub(super) journal: Journal,
     /// Confirms every question without asking.
     yes: bool,
     /// Dropped after the port, so that the daemon finds the port free.
@@ -73,8 +71,7 @@ impl<'c> Driver<'c> {
             context,
             talk,
             stop,
-            store,
-            told: None,
+            journal: Journal::new(store),
             yes: false,
             _borrowed: borrowed,
         })
@@ -90,112 +87,50 @@ impl<'c> Driver<'c> {
         self.talk.follows(from, to)
     }
 
-    /// The number of the next change.
-    pub(super) fn next_change(&self) -> u64 {
-        self.store
-            .as_ref()
-            .map_or(1, |store| store.log().next_change())
-    }
-
-    /// The journal.
-    pub(super) const fn store(&mut self) -> Option<&mut Store> {
-        self.store.as_mut()
-    }
-
     /// Runs a procedure to its end. After Ctrl-C it ends where that is safe.
-    pub(super) async fn run<T>(&mut self, mut procedure: Procedure<T>) -> T {
-        let mut event = Event::Begin;
+    pub(super) async fn run<T>(&mut self, procedure: Procedure<T>) -> T {
+        let mut drive = Drive::new(&mut self.talk, &mut self.journal, procedure);
+        let mut told = None;
         loop {
-            match procedure.next(self.talk.now(), event) {
-                Step::Done(end) => {
-                    self.told = None;
-                    self.talk.settle().await;
-                    return end;
-                }
-                Step::Do(act) => event = self.act(act, &procedure).await,
-            }
-        }
-    }
-
-    async fn act<T>(&mut self, act: Act, procedure: &Procedure<T>) -> Event {
-        match act {
-            Act::Journal(record) => Event::Kept(self.keep(record).is_ok()),
-            Act::Ask(ask) => Event::Heard(self.ask(&ask, procedure).await),
-            Act::Wait(time) => {
-                let end = Moment::now() + Duration::from_micros(time.0);
-                while Moment::now() < end {
-                    tokio::select! {
-                        () = tokio::time::sleep_until(end) => {}
-                        () = self.stop.requested() => procedure.stop(),
+            match drive.next(self.stop.requested()).await {
+                DriveStep::Done(end) => return end,
+                DriveStep::Tell(progress) => tell(self.context, &mut told, progress),
+                DriveStep::Confirm(question) => {
+                    let text = asked(self.context, question);
+                    if self.yes {
+                        self.context.note(&text);
+                        drive.answer(true);
+                        continue;
+                    }
+                    match self.stop.or(ask_user(&text)).await {
+                        Some(answer) => drive.answer(answer),
+                        None => drive.stop(),
                     }
                 }
-                Event::Over
-            }
-            Act::Tell(progress) => {
-                self.tell(progress);
-                Event::Over
-            }
-            Act::Confirm(question) => {
-                let text = asked(self.context, question);
-                if self.yes {
-                    self.context.note(&text);
-                    return Event::Answer(true);
-                }
-                Event::Answer(self.confirm(&text, procedure).await)
-            }
-        }
-    }
-
-    /// Writes a record to the journal.
-    pub(super) fn keep(&mut self, record: Record) -> std::io::Result<()> {
-        match &mut self.store {
-            Some(store) => keep(store, record),
-            None => Err(std::io::ErrorKind::NotFound.into()),
-        }
-    }
-
-    async fn ask<T>(&mut self, ask: &Ask, procedure: &Procedure<T>) -> Heard {
-        let mut asking = std::pin::pin!(self.talk.ask(ask));
-        loop {
-            tokio::select! {
-                heard = &mut asking => return heard,
-                () = self.stop.requested() => procedure.stop(),
-            }
-        }
-    }
-
-    fn tell(&mut self, progress: Progress) {
-        if self.told == Some(progress) {
-            return;
-        }
-        let first = self.told.is_none_or(|told| kind(told) != kind(progress));
-        self.told = Some(progress);
-        let every = match progress {
-            Progress::PowerCycle(left) => left % 10 == 0,
-            Progress::Looking(_) => true,
-            _ => false,
-        };
-        if first || every {
-            self.context.note(&worded(self.context, progress));
-        }
-    }
-
-    async fn confirm<T>(&mut self, question: &str, procedure: &Procedure<T>) -> bool {
-        tokio::select! {
-            answer = ask_user(question) => answer,
-            () = self.stop.requested() => {
-                procedure.stop();
-                false
             }
         }
     }
 
     /// Asks the user; false unless the answer is yes.
     pub(super) async fn agreed(&mut self, question: &str) -> bool {
-        tokio::select! {
-            answer = ask_user(question) => answer,
-            () = self.stop.requested() => false,
-        }
+        self.stop.or(ask_user(question)).await == Some(true)
+    }
+}
+
+/// Shows the progress, unless it was shown before.
+fn tell(context: &Context, told: &mut Option<Progress>, progress: Progress) {
+    if *told == Some(progress) {
+        return;
+    }
+    let first = told.is_none_or(|told| kind(told) != kind(progress));
+    *told = Some(progress);
+    let every = match progress {
+        Progress::PowerCycle(left) => left % 10 == 0,
+        Progress::Looking(_) => true,
+        _ => false,
+    };
+    if first || every {
+        context.note(&worded(context, progress));
     }
 }
 

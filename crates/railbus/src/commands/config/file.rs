@@ -12,7 +12,7 @@ use railbus_site::config::edit;
 
 /// Writes where the module is now into the configuration. Nothing to do if flags describe the
 /// module, or if the file is right already.
-pub(super) fn follow(
+pub(super) async fn follow(
     context: &Context,
     cfg: &ConfigContext,
     driver: &mut Driver<'_>,
@@ -38,10 +38,8 @@ pub(super) fn follow(
     context.note(&lang.fill(ConfigText::Filed, &[("file", &file.display())]));
     if let Some(record) = record {
         // The file is right already: if this fails, a recovery will only confirm that.
-        let _ = driver.keep(Record {
-            state: State::Filed,
-            ..record
-        });
+        let state = State::Filed;
+        driver.journal.keep(Record { state, ..record }).await;
     }
     Ok(())
 }

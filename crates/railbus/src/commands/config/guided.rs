@@ -108,7 +108,7 @@ pub(super) fn calibrate(lang: Lang, matches: &ArgMatches) -> Result<(), Failure>
     let (number, done) = context.block(async {
         let mut driver = Driver::open(&context, &target, Some(cfg.store(&context)?)).await?;
         driver.assume_yes(matches.get_flag("yes"));
-        let number = driver.next_change();
+        let number = driver.journal.next_change();
         let job = Job {
             change: number,
             ..job
@@ -172,7 +172,7 @@ pub(super) fn factory(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         if !sure {
             return Err(Failure::of(lang, Code::NotConfirmed));
         }
-        let number = driver.next_change();
+        let number = driver.journal.next_change();
         let before = railbus_commission::Kept::at(railbus_commission::Place::of(&target.setup));
         set::follows_port(&context, &target, &driver, Settings::FACTORY)?;
         let end = driver
@@ -182,7 +182,7 @@ pub(super) fn factory(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
             }))
             .await;
         let end = end.map_err(|trouble| outcome::trouble(context.lang, &target, &trouble))?;
-        finish(&context, &cfg, &mut driver, &target, number, &end)?;
+        finish(&context, &cfg, &mut driver, &target, number, &end).await?;
         Ok(match end {
             Ended::Done(found) => Some(Changed {
                 target: target.clone(),

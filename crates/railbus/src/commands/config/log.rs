@@ -264,10 +264,8 @@ async fn one_open(
         .iter()
         .filter(|other| other.protocol == target.setup.protocol);
     let others: Vec<Place> = others.map(|other| other.place).collect();
-    let earlier = driver
-        .store()
-        .map(|store| store.log().places(record.change));
-    let earlier = earlier.unwrap_or_default();
+    let log = driver.journal.log();
+    let earlier = log.map(|log| log.places(record.change)).unwrap_or_default();
     let work = recovery(record.clone(), earlier, target.setup, true, others);
     let end = driver.run(work).await;
     let end = end.map_err(|trouble| outcome::trouble(context.lang, &target, &trouble))?;
@@ -281,11 +279,9 @@ async fn one_open(
         Recovered::Nowhere(garbled) => (lang.get(SettingsText::StateLost), None, garbled),
     };
     if let Some(found) = &found {
-        let last = driver
-            .store()
-            .and_then(|store| store.log().change(record.change).last().cloned());
+        let last = driver.journal.last(record.change);
         let last = last.filter(|last| last.state == State::Done);
-        file::follow(context, cfg, &mut driver, last, &target.name, found.place)?;
+        file::follow(context, cfg, &mut driver, last, &target.name, found.place).await?;
     }
     Ok(Traced {
         target,
@@ -303,7 +299,7 @@ async fn one_named(context: &Context, cfg: &ConfigContext, name: &str) -> Result
         .neighbours
         .iter()
         .filter(|other| other.protocol == target.setup.protocol);
-    let known = driver.store().and_then(|store| store.log().unfiled(name));
+    let known = driver.journal.log().and_then(|log| log.unfiled(name));
     let here = Place::of(&target.setup);
     let search = Search {
         setup: target.setup,
@@ -315,7 +311,7 @@ async fn one_named(context: &Context, cfg: &ConfigContext, name: &str) -> Result
     let (found, garbled) =
         end.map_err(|trouble| outcome::trouble(context.lang, &target, &trouble))?;
     if let Some(found) = &found {
-        file::follow(context, cfg, &mut driver, None, &target.name, found.place)?;
+        file::follow(context, cfg, &mut driver, None, &target.name, found.place).await?;
     }
     let lang = context.lang;
     let told = match found {

@@ -204,7 +204,7 @@ pub(super) async fn change_at(
         follows_port(context, target, driver, stage.to.serial)?;
     }
     let before = found.kept();
-    let number = driver.next_change();
+    let number = driver.journal.next_change();
     if planned.is_empty() {
         return Ok(Some(Changed {
             target: target.clone(),
@@ -245,7 +245,7 @@ pub(super) async fn change_at(
         .run(change(job))
         .await
         .map_err(|trouble| failed(&trouble))?;
-    finish(context, cfg, driver, target, number, &end)?;
+    finish(context, cfg, driver, target, number, &end).await?;
     match end {
         Ended::Same(found) | Ended::Done(found) => Ok(Some(Changed {
             target: target.clone(),
@@ -260,14 +260,14 @@ pub(super) async fn change_at(
 }
 
 /// An unfinished change of the same module.
-fn open_before(driver: &mut Driver<'_>, module: &str) -> Option<u64> {
-    let open = driver.store()?.log().open();
+fn open_before(driver: &Driver<'_>, module: &str) -> Option<u64> {
+    let open = driver.journal.log()?.open();
     let of_module = open.iter().find(|record| record.module == module);
     of_module.map(|record| record.change)
 }
 
 /// Updates the configuration file wherever the module was found, then reports how the change ended.
-pub(super) fn finish(
+pub(super) async fn finish(
     context: &Context,
     cfg: &ConfigContext,
     driver: &mut Driver<'_>,
@@ -280,11 +280,8 @@ pub(super) fn finish(
         _ => None,
     };
     if let Some(found) = found {
-        let log = driver
-            .store()
-            .map(|store| store.log().change(number).last().cloned());
-        let last = log.flatten();
-        file::follow(context, cfg, driver, last, &target.name, found.place)?;
+        let last = driver.journal.last(number);
+        file::follow(context, cfg, driver, last, &target.name, found.place).await?;
     }
     outcome::ended(context.lang, target, number, end)
 }
