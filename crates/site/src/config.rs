@@ -1,7 +1,7 @@
 //! The configuration of a site: its lines, their modules, and what the points are called.
 //!
-//! A configuration is read whole or refused whole: every problem is found in one go, each with
-//! its line and column, and nothing is half taken.
+//! A configuration is accepted whole or refused whole: all problems are found in one pass, each
+//! with its line and column, and nothing is applied partly.
 
 pub mod add;
 pub mod change;
@@ -52,19 +52,19 @@ pub struct Config {
     pub lines: BTreeMap<String, LineConfig>,
     /// Its modules, by name.
     pub modules: BTreeMap<String, ModuleConfig>,
-    /// Outputs that are switched together, by the group's name.
+    /// Groups of outputs switched together, by name.
     pub groups: BTreeMap<String, Group>,
-    /// What is done step by step, by the scene's name.
+    /// Scenes, by name.
     pub scenes: BTreeMap<String, Scene>,
-    /// What is done by itself, by the rule's name.
+    /// Rules, by name.
     pub rules: BTreeMap<String, Rule>,
-    /// Who is told of events over HTTP, by the webhook's name.
+    /// Webhooks, by name.
     pub webhooks: BTreeMap<String, Webhook>,
-    /// What is said of their simulation.
+    /// Its simulation.
     pub plant: Plant,
-    /// How much of the past is kept.
+    /// How much history and audit log is kept.
     pub past: Past,
-    /// Where it may lead, by its owner's word.
+    /// Ports and receivers that the owner allows beyond the defaults.
     pub allowed: Allowed,
 }
 
@@ -80,55 +80,55 @@ pub struct Place {
 /// A line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LineConfig {
-    /// Where it is plugged in: `/dev/…`, `pty:…`, `tcp:host:port`, `mbtcp:host:port`.
+    /// Its port: `/dev/…`, `pty:…`, `tcp:host:port`, `mbtcp:host:port`.
     pub port: String,
     /// The speed and character format of its modules, unless one says otherwise.
     pub serial: Settings,
     /// Whether the adapter echoes.
     pub echo: EchoMode,
-    /// What people call it.
+    /// Its display name.
     pub name: Name,
 }
 
 /// A module.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ModuleConfig {
-    /// The line it hangs on.
+    /// The line it is connected to.
     pub line: String,
-    /// What it is.
+    /// Its model and serial settings.
     pub setup: Setup,
-    /// How often it is read, and whether it is asked for its model.
+    /// How often it is polled, and whether it is asked for its model.
     pub plan: Plan,
     /// What its analog inputs measure.
     pub range: Range,
-    /// What is said of single points.
+    /// Settings of single points.
     pub points: BTreeMap<Point, PointConfig>,
-    /// What it is to keep besides address, speed, parity and checksum.
+    /// The settings it should have besides address, speed, parity and checksum.
     pub settings: Wanted,
-    /// What people call it.
+    /// Its display name.
     pub name: Name,
-    /// Where it stands: modules are shown together by it.
+    /// Its location: pages group modules by it.
     pub area: Option<String>,
 }
 
-/// What is said of a point.
+/// The settings of a point.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PointConfig {
-    /// Its name in English.
+    /// Its display name in English.
     pub name_en: Option<String>,
-    /// Its name in Chinese.
+    /// Its display name in Chinese.
     pub name_zh: Option<String>,
-    /// It is of no interest: pages leave it out unless they are asked for it.
+    /// Pages hide it unless asked to show it.
     pub hidden: bool,
-    /// What an analog input measures, where that is not its module's range.
+    /// What an analog input measures, where that differs from its module's range.
     pub range: Option<Range>,
-    /// It must not be written.
+    /// It can't be written.
     pub locked: bool,
-    /// What makes switching it safe.
+    /// Its safety settings.
     pub safety: Safety,
 }
 
-/// How a line treats a module that nobody polls.
+/// The plan of a module that is not polled.
 const fn unpolled(identify: bool) -> Plan {
     Plan {
         identify,
@@ -137,8 +137,8 @@ const fn unpolled(identify: bool) -> Plan {
 }
 
 impl ModuleConfig {
-    /// How its line treats it. Where nobody polls, it is not read, but it is as true as ever
-    /// whether it is to be asked for its model.
+    /// The plan its line uses. A module that is not polled is still asked for its model if
+    /// configured so.
     #[must_use]
     pub const fn plan_where(&self, polls: bool) -> Plan {
         if polls {
@@ -166,7 +166,7 @@ impl Config {
         read::read(text)
     }
 
-    /// What is said of the safety of an output.
+    /// The safety settings of an output.
     #[must_use]
     pub fn safety(&self, place: &Place) -> Option<&Safety> {
         let module = self.modules.get(&place.module)?;
@@ -183,7 +183,7 @@ impl Config {
         format!("{}.{}", place.module, label.unwrap_or_default())
     }
 
-    /// The tables that another configuration has otherwise, as `module.pump`.
+    /// The tables that differ from another configuration's, as `module.pump`.
     #[must_use]
     pub fn differences(&self, other: &Config) -> Vec<String> {
         let mut found = Vec::new();
@@ -208,14 +208,15 @@ impl Config {
         found
     }
 
-    /// The modules of a line, in the order of their names: their numbers on the line count so.
+    /// The modules of a line in the order of their names, which is that of their indices on the
+    /// line.
     pub fn modules_of(&self, line: &str) -> impl Iterator<Item = (&String, &ModuleConfig)> {
         let of_line = move |(_, module): &(&String, &ModuleConfig)| module.line == line;
         self.modules.iter().filter(of_line)
     }
 }
 
-/// Adds the tables of a kind that are not in both, or not the same.
+/// Adds the tables of a kind that are in one only, or differ.
 fn differing<T: PartialEq>(
     kind: &str,
     one: &BTreeMap<String, T>,

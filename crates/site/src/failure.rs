@@ -1,4 +1,4 @@
-//! Why a command was not done, or is not known to be.
+//! Why a command was not executed, or may not have been.
 
 use crate::Role;
 use railbus_device::Point;
@@ -7,8 +7,8 @@ use railbus_wire::Micros;
 use std::fmt;
 use std::io::ErrorKind;
 
-/// Why a command was not done, or is not known to be. Data without sentences: whoever shows it
-/// finds the words.
+/// Why a command was not executed, or may not have been. Data without sentences: the text is made
+/// where it is shown.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Failure {
     /// There is no such line.
@@ -17,73 +17,72 @@ pub enum Failure {
     NoSuchModule,
     /// The module has no such point.
     NoSuchPoint,
-    /// Somebody else has the line for a while.
+    /// Another client has exclusive access to the line.
     Lent,
     /// The point is no output.
     NotAnOutput(Point),
     /// The configuration locks the point.
     Locked(Point),
-    /// The output is in this state, and the command was for the other one only. Nothing was
-    /// sent.
+    /// The output is in this state, and the command was conditional on the other. Nothing was sent.
     NotAsAsked(Point, bool),
-    /// The module gives no pulse of that length.
+    /// The module can't give a pulse of that width.
     PulseWidth {
         /// Which output.
         point: Point,
-        /// The width asked for.
+        /// The requested width.
         asked: Option<Micros>,
-        /// The module's own width, where it times pulses and says so.
+        /// The module's own width, if it times pulses and reports it.
         own: Option<Micros>,
         /// The output is in pulse mode.
         pulse_mode: bool,
     },
-    /// It can't be written down, and the configuration wants that first. Nothing was sent.
+    /// The audit entry can't be written, and the configuration requires it. Nothing was sent.
     NotAudited,
-    /// The output wants to be told that it is really meant.
+    /// Switching the output must be confirmed.
     Confirm(Point),
-    /// The output must not be on while another one is, which is on or may be.
+    /// The output is interlocked with another, which is on or may be.
     Interlock {
         /// Which output.
         point: Point,
         /// The path of the other one.
         by: String,
     },
-    /// The output must stay off for a while yet.
+    /// The output must still stay off for some time.
     MinOff {
         /// Which output.
         point: Point,
         /// How long.
         left: Micros,
     },
-    /// The output may be on for so long only, and nobody would switch it off then: only what
-    /// runs day and night does so.
+    /// The output has a maximum on time, and this program would not be there to switch it off: only
+    /// a daemon is.
     Unwatched(Point),
-    /// Nobody holds the output.
+    /// The output has no lease.
     NoLease(Point),
-    /// A lease can't be so long.
+    /// The time of a lease is out of range.
     LeaseTime(Point),
-    /// What is to be done later can't be written down.
+    /// A scheduled action can't be stored.
     NotKept(ErrorKind),
-    /// It was done, but that it takes the output over from a pulse or a lease can't be written
-    /// down: that one ends still.
+    /// The command was executed, but the takeover from a pulse or a lease can't be stored: that one
+    /// still ends.
     NotTakenOver(ErrorKind),
-    /// The line is not lent: an output has been on for nearly as long as it may, and must be
-    /// switched off then.
+    /// No exclusive access to the line: an output is near its maximum on time, and must be switched
+    /// off then.
     Due {
         /// Its path.
         path: String,
         /// How long it is until then.
         left: Micros,
     },
-    /// Not done, because another part of the same command was not.
+    /// Not executed, because another part of the same command was not.
     NotTried,
-    /// Done, and taken back, because another part of the same command failed.
+    /// Executed and reverted, because another part of the same command failed.
     Undone,
-    /// Done, and could not be taken back, though another part of the same command failed.
+    /// Executed, and could not be reverted, though another part of the same command failed.
     NotUndone,
-    /// Whoever asks for it has this role, which is too low. Nothing was sent.
+    /// The caller has this role, which is too low. Nothing was sent.
     RoleTooLow(Role),
-    /// Whoever asks for it is limited to other outputs. Nothing was sent.
+    /// The caller is limited to other outputs. Nothing was sent.
     NotPermitted {
         /// The output's module.
         module: String,
@@ -96,9 +95,9 @@ pub enum Failure {
     NoSuchScene,
     /// The scene is being played already.
     Playing,
-    /// What the line said of a read that had to come first. The command was not sent.
+    /// The line's fault at a read that had to come first. The command was not sent.
     NotRead(Fault),
-    /// What the line said.
+    /// The line's fault.
     Line(Fault),
 }
 
@@ -137,8 +136,8 @@ impl Failure {
         }
     }
 
-    /// Whether the command may still have taken effect. What was done and taken back is as it was
-    /// before. There is no arm for the rest here: a new failure must be decided.
+    /// Whether the command may still have taken effect. What was executed and reverted is as it was
+    /// before. There is no wildcard arm: a new failure must be decided.
     #[must_use]
     pub const fn may_have_acted(&self) -> bool {
         match self {

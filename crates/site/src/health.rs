@@ -1,4 +1,4 @@
-//! How well a module answers: how fast, and how often not.
+//! How well a module answers: response times and error counts.
 
 use crate::Counts;
 use railbus_host::{Evidence, Fault};
@@ -10,23 +10,24 @@ const MINUTE: u64 = 60_000_000;
 /// How many minutes are counted.
 const MINUTES: u64 = 60;
 
-/// So many exchanges in a row without a good reply tell what a module's replies are like.
+/// How many exchanges since the last good reply are kept as evidence.
 const LOST_MAX: usize = 16;
 
 /// How well a module answers.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Health {
     pub(crate) counts: Counts,
-    /// From the beginning of a request to the end of its reply, smoothed.
+    /// From the start of a request to the end of its reply, smoothed.
     rtt: Option<Micros>,
     pub(crate) errors: Hourly,
     pub(crate) late: Hourly,
-    /// What came instead of a good reply since the last one: of so many exchanges, the last.
+    /// What was received instead of a good reply since the last one: of at most the last
+    /// [`LOST_MAX`] exchanges.
     lost: VecDeque<Evidence>,
 }
 
 impl Health {
-    /// A reply took so long. Old ones count less and less: an eighth of each new one goes in.
+    /// A reply came after this time. Exponential smoothing: each new time counts an eighth.
     pub(crate) fn replied(&mut self, after: Micros) {
         self.counts.replied(after);
         self.lost.clear();
@@ -34,7 +35,7 @@ impl Health {
         self.rtt = Some(Micros(smoothed));
     }
 
-    /// An exchange failed, so long after the start.
+    /// An exchange failed at this time since the start.
     pub(crate) fn failed(&mut self, now: Micros, fault: &Fault) {
         self.errors.count(now);
         self.counts.failed(fault);
@@ -45,12 +46,12 @@ impl Health {
                 }
                 self.lost.push_back(*met);
             }
-            // A reply that says no is one.
+            // A refusal is a good reply.
             _ => self.lost.clear(),
         }
     }
 
-    /// What came instead of a good reply since the last one.
+    /// What was received instead of a good reply since the last one.
     pub(crate) fn lost(&self) -> Evidence {
         let together = |all: Evidence, one: &Evidence| Evidence {
             attempts: all.attempts.saturating_add(one.attempts),
@@ -70,7 +71,7 @@ impl Health {
 #[derive(Clone, Debug)]
 pub(crate) struct Hourly {
     minutes: [u32; MINUTES as usize],
-    /// The minute that is counted now.
+    /// The current minute.
     newest: u64,
 }
 
@@ -84,7 +85,7 @@ impl Default for Hourly {
 }
 
 impl Hourly {
-    /// It happened, so long after the start.
+    /// Counts one at this time since the start.
     pub(crate) fn count(&mut self, now: Micros) {
         self.forget(now);
         if let Some(minute) = self.minutes.get_mut((self.newest % MINUTES) as usize) {
@@ -92,7 +93,7 @@ impl Hourly {
         }
     }
 
-    /// How often, until now.
+    /// The sum over the last hour.
     pub(crate) fn total(&mut self, now: Micros) -> u32 {
         self.forget(now);
         self.minutes
@@ -100,7 +101,7 @@ impl Hourly {
             .fold(0, |sum, count| sum.saturating_add(*count))
     }
 
-    /// Clears the minutes that have come round again.
+    /// Clears the minutes that are reused.
     fn forget(&mut self, now: Micros) {
         let minute = now.0 / MINUTE;
         let passed = minute.saturating_sub(self.newest).min(MINUTES);

@@ -1,9 +1,9 @@
-//! The truth about a site: its lines, modules and points, what is known of them, and how good
-//! that knowledge is. There is no network here.
+//! A site: its lines, modules and points, their values, and the quality of each. There is no
+//! network here.
 //!
-//! [`Service`] opens the lines of a [`Config`], keeps the truth ([`Site`]) up to date, and takes
-//! commands. Whoever shows or commands a site, over whatever network, does it through a clone of
-//! the one `Service`.
+//! [`Service`] opens the lines of a [`Config`], keeps the readings ([`Site`]) up to date, and
+//! executes commands. Everything that shows or commands a site, over any network, does so through a
+//! clone of the one `Service`.
 //!
 //! # Where things are
 //! - What happens between a command and its end, and everything that depends on time (turns,
@@ -11,7 +11,7 @@
 //!   `core`, a state machine without I/O, one file for each.
 //! - What drives it, and what callers see of it (orders, status, followers, reloads, lines lent,
 //!   rules, raw frames): `service`.
-//! - Who may command what: `rights`. Why something failed: `failure`. What a value is worth:
+//! - Who may command what: `rights`. Why something failed: `failure`. Values and their quality:
 //!   `truth`.
 //! - Keys of `railbus.toml`, with their checks and the edits that keep comments: `config`.
 //!   Conditions of rules: `rules`.

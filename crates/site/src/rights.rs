@@ -1,28 +1,28 @@
-//! Who may do what.
+//! Roles and rights.
 
 use crate::{Failure, paths};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-/// What somebody may do; each may do what those before it may.
+/// A role; each includes the rights of those before it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Role {
-    /// Look.
+    /// Read.
     Viewer,
     /// Switch outputs.
     Operator,
     /// Change modules, lines and the configuration.
     Engineer,
-    /// Say who may what.
+    /// Manage accounts and rights.
     Admin,
 }
 
 impl Role {
-    /// All of them, the least first.
+    /// All of them, lowest first.
     pub const ALL: [Role; 4] = [Role::Viewer, Role::Operator, Role::Engineer, Role::Admin];
 
-    /// The names of all roles, the least first.
+    /// The names of all roles, lowest first.
     pub const NAMES: [&str; 4] = {
         let [viewer, operator, engineer, admin] = Role::ALL;
         [
@@ -33,7 +33,7 @@ impl Role {
         ]
     };
 
-    /// As it is written.
+    /// Its name in configuration and API.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {

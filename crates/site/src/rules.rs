@@ -1,6 +1,6 @@
-//! Rules as they are carried out, without clock and line: what is known is told to an [`Engine`],
-//! which says when its rule acts, and when it wants to be asked again. The same engine runs live
-//! and over the past ([`Replay`]).
+//! The execution of rules, without clock and line: an [`Engine`] is given the facts, and returns
+//! when its rule acts and when it must be polled next. The same engine runs live and over the
+//! history ([`Replay`]).
 
 mod clock;
 mod engine;

@@ -1,4 +1,4 @@
-//! What is known of every point, since when, and how good it is.
+//! The reading of every point, with its time and quality.
 
 use crate::Config;
 use crate::config::ModuleConfig;
@@ -26,53 +26,53 @@ pub enum Value {
 pub enum Quality {
     /// Read, and not older than the module's maximum age.
     Good,
-    /// Read, but too long ago.
+    /// Read, but older than that.
     Stale,
-    /// There is no value now; where there is one, it is the last that was read.
+    /// There is no current value; if there is one at all, it is the last that was read.
     Bad(Reason),
 }
 
-/// Why there is no value now.
+/// Why there is no current value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reason {
     /// It was never read.
     NeverRead,
     /// Its module does not answer.
     Offline,
-    /// What answers in the place of its module says that it is another model.
+    /// The module at this address reports another model.
     OtherModel,
     /// The port of its line can't be opened, or was lost.
     LineAbsent,
     /// Another program has the port of its line.
     LineBusy,
-    /// Its line is borrowed.
+    /// Its line is under exclusive access.
     Exclusive,
     /// Its line was closed.
     LineClosed,
 }
 
-/// What is known of a point.
+/// The last reading of a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PointState {
     /// The last value read.
     pub value: Value,
-    /// When the request began that read it: the value may be so old.
+    /// When the request that read it began: the value may be as old as that.
     pub read: Instant,
-    /// The same by the wall clock. It is fixed with the reading: whenever it is printed, and
-    /// however that clock is set meanwhile, the same reading has the same time.
+    /// The same on the wall clock. It is fixed with the reading: whenever it is printed, and even
+    /// if that clock is set meanwhile, the same reading has the same time.
     pub time: SystemTime,
 }
 
-/// A point got another value.
+/// The value of a point changed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Change {
     /// Its module.
     pub module: String,
     /// Which point.
     pub point: Point,
-    /// What it was before, where that is known.
+    /// The previous value, if known.
     pub before: Option<Value>,
-    /// What it is.
+    /// The new value.
     pub value: Value,
 }
 
@@ -80,15 +80,16 @@ pub struct Change {
 #[derive(Clone, Debug, Default)]
 struct ModuleState {
     presence: Presence,
-    /// It was heard before its line was lent, and so often it did not answer since that came back.
+    /// It answered before exclusive access to its line began; the number of misses since that
+    /// ended.
     missing: Option<u8>,
     points: BTreeMap<Point, PointState>,
     pulse: Option<Pulses>,
-    /// What it last said that it is: a model, or the name that it gives itself.
+    /// The model it last reported, or the name it gives itself.
     says: Option<String>,
 }
 
-/// Which outputs of a module give pulses, and how long.
+/// Which outputs of a module give pulses, and the width.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Pulses {
     /// Bit n = output n gives pulses.
@@ -98,7 +99,7 @@ pub struct Pulses {
 }
 
 impl Pulses {
-    /// How long a pulse of this output is, where it gives any.
+    /// The pulse width of this output, if it gives any.
     #[must_use]
     pub fn of(self, point: Point) -> Option<PulseWidth> {
         let gives = point.kind == PointKind::Output
@@ -109,17 +110,18 @@ impl Pulses {
     }
 }
 
-/// The truth about a site. [`Site::saw`] and [`Site::heard`] are its only writers.
+/// The readings of a site. Values come from [`Site::saw`] and presence from [`Site::heard`] only.
 #[derive(Clone, Debug)]
 pub struct Site {
     config: Arc<Config>,
     modules: BTreeMap<String, ModuleState>,
-    /// Modules whose points may have another quality, or something else that is not a value.
+    /// Modules whose points may have another quality, or of which anything other than a value
+    /// changed.
     touched: BTreeSet<String>,
 }
 
 impl Site {
-    /// A site of which nothing is known yet.
+    /// A site without any readings.
     #[must_use]
     pub fn new(config: impl Into<Arc<Config>>) -> Site {
         let config = config.into();
@@ -136,13 +138,13 @@ impl Site {
         }
     }
 
-    /// Modules of which something other than values changed since this was last called; all of a
-    /// new configuration. There are never more than it has.
+    /// Modules of which something other than values changed since the last call; all of a new
+    /// configuration. There are never more than it has.
     pub(crate) fn take_touched(&mut self) -> BTreeSet<String> {
         std::mem::take(&mut self.touched)
     }
 
-    /// A module's points are to be looked at.
+    /// Marks a module's points to be looked at.
     pub(crate) fn touch(&mut self, module: &str) {
         if self.modules.contains_key(module) && !self.touched.contains(module) {
             self.touched.insert(module.to_owned());
@@ -155,7 +157,7 @@ impl Site {
         &self.config
     }
 
-    /// Whether a module is heard.
+    /// Whether a module answers.
     #[must_use]
     pub fn presence(&self, module: &str) -> Presence {
         self.modules
@@ -164,12 +166,12 @@ impl Site {
             .unwrap_or_default()
     }
 
-    /// A module is heard, or no longer.
+    /// A module's presence changed.
     pub fn heard(&mut self, module: &str, presence: Presence) {
         if let Some(state) = self.modules.get_mut(module) {
             (state.presence, state.missing) = (presence, None);
             if presence == Presence::OtherModel {
-                // What the right one was read to be says nothing of it.
+                // Values of the right model say nothing about another.
                 state.points.clear();
                 state.pulse = None;
             }
@@ -177,7 +179,7 @@ impl Site {
         }
     }
 
-    /// What answers in the place of a module, where that says that it is another model.
+    /// The model reported by a module at this address, if it is the wrong one.
     #[must_use]
     pub fn stranger(&self, module: &str) -> Option<&str> {
         let state = self.modules.get(module)?;
@@ -185,8 +187,8 @@ impl Site {
         says.filter(|_| state.presence == Presence::OtherModel)
     }
 
-    /// A module did not answer; true when that makes one that was heard before its line was lent
-    /// count as silent from now on.
+    /// A module did not answer. True if a module that answered before exclusive access to its line
+    /// counts as silent from now on.
     pub fn missed(&mut self, module: &str) -> bool {
         let state = self.modules.get_mut(module);
         let Some((state, misses)) = state.and_then(|state| state.missing.map(|m| (state, m + 1)))
@@ -201,8 +203,8 @@ impl Site {
         misses >= MISSES_SILENT
     }
 
-    /// A module said something that was true at `read` or later, which was `time` by the clock on
-    /// the wall; gives back what is new in it.
+    /// Applies an observation that was true at `read` or later, which was `time` on the wall clock;
+    /// returns what changed.
     pub fn saw(
         &mut self,
         module: &str,
@@ -239,13 +241,13 @@ impl Site {
         changes
     }
 
-    /// Which outputs of a module give pulses, where it was asked.
+    /// Which outputs of a module give pulses, if it was asked.
     #[must_use]
     pub fn pulses(&self, module: &str) -> Option<Pulses> {
         self.modules.get(module)?.pulse
     }
 
-    /// Takes another configuration. Of the modules that `keep` names, what is known stays known.
+    /// Replaces the configuration. The state of the modules that `keep` selects is kept.
     pub fn reconfigure(&mut self, config: impl Into<Arc<Config>>, keep: impl Fn(&str) -> bool) {
         let mut known = std::mem::take(&mut self.modules);
         *self = Site::new(config);
@@ -258,7 +260,7 @@ impl Site {
         }
     }
 
-    /// What was known of these modules is not known any more.
+    /// Drops the whole state of these modules.
     pub fn forget(&mut self, of: impl Fn(&str) -> bool) {
         for (name, state) in self.modules.iter_mut().filter(|(name, _)| of(name)) {
             self.touched.insert(name.clone());
@@ -270,7 +272,7 @@ impl Site {
         }
     }
 
-    /// The values of these modules' points are not known any more; whether they are heard still is.
+    /// Drops the values of these modules' points; their presence stays.
     pub fn doubt(&mut self, of: impl Fn(&str) -> bool) {
         for (name, state) in self.modules.iter_mut().filter(|(name, _)| of(name)) {
             self.touched.insert(name.clone());
@@ -279,7 +281,7 @@ impl Site {
         }
     }
 
-    /// What is known of a point, and how good that is now.
+    /// The last reading of a point, and its quality now.
     #[must_use]
     pub fn point(&self, module: &str, point: Point, now: Instant) -> (Option<PointState>, Quality) {
         let known = self
@@ -306,7 +308,7 @@ impl Site {
     }
 }
 
-/// The model that a module says it is, or the name that it gives itself, where no family has that.
+/// The model that a module reports, or the name it gives itself if no family has it.
 fn model_of(seen: &Observation) -> Option<String> {
     let (family, said) = match seen {
         Observation::Name(name) => (Family::of_name(name.bytes()), name.as_str().to_owned()),
@@ -316,7 +318,7 @@ fn model_of(seen: &Observation) -> Option<String> {
     Some(family.map_or(said, |family| family.to_string()))
 }
 
-/// The points that a reply tells of.
+/// The points in a reply.
 fn values(config: &ModuleConfig, seen: &Observation) -> Vec<(Point, Value)> {
     let bank = |kind, bank: Bank| {
         (0..config.setup.count(kind)).filter_map(move |index| {

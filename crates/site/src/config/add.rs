@@ -1,24 +1,24 @@
-//! Modules added to a configuration as a text: what it says already stays as it was written,
-//! comments and blanks included.
+//! Adds modules to a configuration file's text; what is already there stays as written, comments
+//! and blank lines included.
 
 use super::Config;
 use railbus_device::Setup;
 use railbus_wire::Settings;
 use toml_edit::{DocumentMut, Item, Table, value};
 
-/// A line to be written down with its modules, where the text has none of that name.
+/// A line to be written with its modules if the text has none of that name.
 #[derive(Clone, Copy, Debug)]
 pub struct NewLine<'a> {
     /// Its name.
     pub name: &'a str,
-    /// Where it is plugged in.
+    /// Its port.
     pub port: &'a str,
     /// The speed and character format of its modules.
     pub serial: Settings,
 }
 
-/// The text with these modules on a line, each under its name. Nothing where the text is no
-/// configuration, or would no longer be one.
+/// The text with these modules added to a line, each under its name. `None` if the text is no valid
+/// configuration, or would not be one afterwards.
 #[must_use]
 pub fn with_modules(text: &str, line: NewLine<'_>, modules: &[(String, Setup)]) -> Option<String> {
     let mut document: DocumentMut = text.parse().ok()?;
@@ -43,7 +43,7 @@ pub fn with_modules(text: &str, line: NewLine<'_>, modules: &[(String, Setup)]) 
         }
         serial_keys(&mut table, setup.serial, serial);
         if setup.family.datasheet().channels_vary {
-            // No reply tells it: it stands where it can be put right.
+            // No reply tells it: it is written out so that it can be corrected.
             table.insert("outputs", value(i64::from(setup.outputs)));
         }
         if setup.checksum {
@@ -61,7 +61,7 @@ pub fn with_modules(text: &str, line: NewLine<'_>, modules: &[(String, Setup)]) 
     modules.iter().all(is_right).then_some(after)
 }
 
-/// A name for a module that nothing of this configuration has: `erc8_3`, `erc8_3_2`.
+/// A name for a module that this configuration does not use yet: `erc8_3`, `erc8_3_2`.
 #[must_use]
 pub fn free_name(config: &Config, taken: &[(String, Setup)], setup: &Setup) -> String {
     let base = format!("{}_{}", setup.family.name(), setup.address.0);
@@ -73,7 +73,7 @@ pub fn free_name(config: &Config, taken: &[(String, Setup)], setup: &Setup) -> S
     names.find(is_free).unwrap_or(base)
 }
 
-/// Says the speed and format where they are not those that hold anyway.
+/// Writes speed and format where they differ from the defaults.
 fn serial_keys(table: &mut Table, serial: Settings, anyway: Settings) {
     if serial.baud != anyway.baud {
         table.insert("baud", value(i64::from(serial.baud.rate())));

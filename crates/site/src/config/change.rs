@@ -1,6 +1,5 @@
-//! Single tables of a configuration changed as a text: comments, blanks and everything that is
-//! not changed stay as they were written. Whether the result is a configuration, who changes it
-//! has to see.
+//! Changes single tables of a configuration file's text: comments, blank lines and everything else
+//! stay as written. The caller checks whether the result is a valid configuration.
 
 use serde_json::{Map, Value as Json};
 use toml_edit::{Array, DocumentMut, InlineTable, Item, Key, Table, TableLike, Value, value};
@@ -8,26 +7,26 @@ use toml_edit::{Array, DocumentMut, InlineTable, Item, Key, Table, TableLike, Va
 /// Why a text was not changed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Refused {
-    /// The text is no TOML, or something else stands where a table should.
+    /// The text is no TOML, or there is something else where a table should be.
     Text,
     /// There is no such table.
     NotThere,
-    /// There is one of that name already.
+    /// The name is taken.
     Taken,
-    /// The value of this key can't be written down.
+    /// The value of this key can't be written in TOML.
     Value(String),
 }
 
 /// Keys with their values, as they come in a request.
 pub type Keys = Map<String, Json>;
 
-/// The keys that people look for first.
+/// The keys that a reader looks for first.
 const FIRST: [&str; 13] = [
     "port", "line", "model", "address", "protocol", "name", "when", "for", "then", "point", "set",
     "pulse", "time",
 ];
 
-/// The keys of a table as they are written, below it too; nothing where there is no such table.
+/// The keys of a table as written, with those of its subtables; `None` if there is no such table.
 #[must_use]
 pub fn keys_of(text: &str, path: &[&str]) -> Option<Keys> {
     let document: DocumentMut = text.parse().ok()?;
@@ -67,7 +66,7 @@ fn read_value(value: &Value) -> Json {
     }
 }
 
-/// Sets keys of a table, which is made where it is missing. A key that is null goes. Times can be
+/// Sets keys of a table, which is created if missing. A key with null is removed. Times can be
 /// given in milliseconds: `max_age_ms = 500` sets `max_age = "500ms"`.
 ///
 /// # Errors
@@ -82,7 +81,7 @@ pub fn set(text: &str, path: &[&str], keys: &Keys) -> Result<String, Refused> {
     })
 }
 
-/// The same, and what is not among the keys goes.
+/// As [`set`], and removes all other keys.
 ///
 /// # Errors
 /// [`Refused`].
@@ -105,7 +104,7 @@ pub fn put(text: &str, path: &[&str], keys: &Keys) -> Result<String, Refused> {
     set(&kept, path, keys)
 }
 
-/// Takes a table away.
+/// Removes a table.
 ///
 /// # Errors
 /// [`Refused`].
@@ -118,7 +117,7 @@ pub fn remove(text: &str, path: &[&str]) -> Result<String, Refused> {
     })
 }
 
-/// Gives a line or a module another name, there and wherever it is named.
+/// Renames a line or a module, and every reference to it.
 ///
 /// # Errors
 /// [`Refused`].
@@ -152,7 +151,7 @@ fn changed(
     change: impl FnOnce(&mut DocumentMut) -> Result<(), Refused>,
 ) -> Result<String, Refused> {
     let mut document: DocumentMut = text.parse().map_err(|_| Refused::Text)?;
-    // The comments at the end would move behind whatever is added there.
+    // Otherwise the comments at the end would come after what is added there.
     let end = document.trailing().as_str().unwrap_or_default().to_owned();
     document.set_trailing("");
     let before = document.to_string();
@@ -176,8 +175,8 @@ fn find<'d>(document: &'d mut DocumentMut, path: &[&str]) -> Option<&'d mut Item
     Some(at)
 }
 
-/// A table as it is written where it is missing: `[module.pump]` and `[module.pump.point]` have
-/// heads, what is said of a point is `do0.name = …`.
+/// A new table as it is usually written: `[module.pump]` and `[module.pump.point]` have headers,
+/// the settings of a point are `do0.name = …`.
 fn new_table(path: &[&str], depth: usize) -> Table {
     let mut table = Table::new();
     match depth {
@@ -204,7 +203,7 @@ fn child<'i>(parent: &'i mut Item, key: &str, new: Table) -> Option<&'i mut Item
     }
 }
 
-/// As people write them: first what they look for.
+/// In the usual order: the keys looked for first come first.
 fn in_order(keys: &Keys) -> Vec<(&String, &Json)> {
     let place = |key: &str| {
         let key = key.strip_suffix("_ms").unwrap_or(key);
@@ -228,7 +227,7 @@ fn set_keys(table: &mut dyn TableLike, keys: &Keys) -> Result<(), Refused> {
                 *old = wanted;
                 *old.decor_mut() = decor;
             }
-            // A table with a head of its own, or a dotted one, becomes a value of the key.
+            // A table with its own header, or a dotted one, becomes an inline value.
             Some(_) => {
                 table.remove(&key);
                 table.insert(&key, value(wanted));
@@ -241,7 +240,7 @@ fn set_keys(table: &mut dyn TableLike, keys: &Keys) -> Result<(), Refused> {
     Ok(())
 }
 
-/// A key and its value as the configuration writes them; no value where the key is to go.
+/// A key and its value as the configuration writes them; no value if the key is to be removed.
 fn written_key(key: &str, json: &Json) -> (String, Result<Option<Value>, ()>) {
     match (key.strip_suffix("_ms"), json) {
         (Some(short), Json::Null) => (short.to_owned(), Ok(None)),
@@ -256,7 +255,7 @@ fn written_key(key: &str, json: &Json) -> (String, Result<Option<Value>, ()>) {
     }
 }
 
-/// A value as the configuration writes it. A table without anything in it is none.
+/// A value as the configuration writes it. An empty table is left out.
 fn written(json: &Json) -> Result<Option<Value>, ()> {
     Ok(Some(match json {
         Json::Null => return Ok(None),
@@ -290,7 +289,8 @@ fn written(json: &Json) -> Result<Option<Value>, ()> {
     }))
 }
 
-/// Names a line or a module anew wherever it is named: alone, or before the label of a point.
+/// Replaces the name of a line or a module in every reference: alone, or before the label of a
+/// point.
 fn name_anew(root: &mut Item, kind: &str, old: &str, new: &str) {
     let alone = |text: &str| (text == old).then(|| new.to_owned());
     let before = format!("{old}.");
@@ -315,7 +315,7 @@ fn name_anew(root: &mut Item, kind: &str, old: &str, new: &str) {
     }
 }
 
-/// Every text that lies this way down in each of the tables `[table.x]`.
+/// Every text under this path in each of the tables `[table.x]`.
 fn each_of(root: &mut Item, table: &str, way: &[&str], renamed: &impl Fn(&str) -> Option<String>) {
     let tables = below(root, table).and_then(Item::as_table_like_mut);
     for (_, one) in tables.into_iter().flat_map(|tables| tables.iter_mut()) {
@@ -325,12 +325,12 @@ fn each_of(root: &mut Item, table: &str, way: &[&str], renamed: &impl Fn(&str) -
     }
 }
 
-/// What a table says under a key. To ask the item itself would make the key.
+/// The value of a key. Indexing the item instead would insert the key.
 fn below<'i>(item: &'i mut Item, key: &str) -> Option<&'i mut Item> {
     item.as_table_like_mut()?.get_mut(key)
 }
 
-/// Every text below an item, names for people apart.
+/// Every text below an item except display names.
 fn each_text(item: &mut Item, renamed: &impl Fn(&str) -> Option<String>) {
     match item {
         Item::Value(value) => each_value(value, renamed),

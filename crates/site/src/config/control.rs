@@ -1,4 +1,4 @@
-//! Groups, scenes, and what makes switching an output safe.
+//! Groups, scenes, and the safety settings of outputs.
 
 use super::problem::Kind;
 use super::read::{Reader, Section, Value};
@@ -9,11 +9,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range as Span;
 use toml::de::{DeTable, DeValue};
 
-/// The most members of a group, and steps of a scene.
+/// The maximum number of members of a group, and of steps of a scene.
 pub const MEMBERS_MAX: usize = 256;
-/// The longest time that all the pauses of a scene may take.
+/// The maximum sum of a scene's pauses.
 pub const SCENE_MAX: Micros = Micros::from_secs(300);
-/// The longest time that an output's safety can be about.
+/// The maximum of `max_on` and `min_off`.
 pub const SAFETY_MAX: Micros = Micros::from_secs(7 * 24 * 3_600);
 
 pub(super) const GROUP_KEYS: [&str; 2] = ["name", "members"];
@@ -25,7 +25,7 @@ const POLICIES: [(&str, Policy); 3] = [
     ("on", Policy::On),
 ];
 
-/// What people call something.
+/// A display name.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Name {
     /// In English.
@@ -37,40 +37,40 @@ pub struct Name {
 /// Outputs that are switched together.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Group {
-    /// What it is called.
+    /// Its display name.
     pub name: Name,
     /// Its outputs, in the order given.
     pub members: Vec<Place>,
 }
 
-/// Steps that are done one after the other.
+/// Steps that are executed in order.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Scene {
-    /// What it is called.
+    /// Its display name.
     pub name: Name,
-    /// What it does.
+    /// Its steps.
     pub steps: Vec<Step>,
 }
 
 /// A step of a scene.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Step {
-    /// An output is brought into a state.
+    /// Switches an output.
     Set(Place, bool),
-    /// Nothing happens for so long.
+    /// Waits.
     Wait(Micros),
 }
 
-/// How it is asked whether an output is really to be switched.
+/// How a person must confirm switching an output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Confirm {
-    /// By a question.
+    /// With a dialog.
     Ask,
-    /// By holding the switch.
+    /// By pressing and holding the switch.
     Hold,
 }
 
-/// What becomes of an output when something is lost or comes back.
+/// What is done with an output when a connection is lost or comes back.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Policy {
     /// It stays as it is.
@@ -83,7 +83,7 @@ pub enum Policy {
 }
 
 impl Policy {
-    /// The state to bring the output into.
+    /// The state to switch the output to.
     #[must_use]
     pub const fn state(self) -> Option<bool> {
         match self {
@@ -94,27 +94,27 @@ impl Policy {
     }
 }
 
-/// What makes switching an output safe.
+/// The safety settings of an output.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Safety {
-    /// It is asked whether it is really meant.
+    /// Switching must be confirmed.
     pub confirm: Option<Confirm>,
-    /// Outputs that must not be on while this one is. It holds both ways.
+    /// Outputs that must not be on while this one is. It is mutual.
     pub interlock: BTreeSet<Place>,
-    /// It is switched off when it has been on for so long.
+    /// It is switched off after being on for this time.
     pub max_on: Option<Micros>,
-    /// Once off, it stays so at least so long.
+    /// Once off, it stays off for at least this time.
     pub min_off: Option<Micros>,
     /// When the site is closed.
     pub on_exit: Policy,
-    /// When who holds it by a lease is lost; nothing said, the lease ends in the other state.
+    /// When the holder of its lease is lost; if not given, the lease ends in the opposite state.
     pub on_offline: Option<Policy>,
-    /// When its module is heard again.
+    /// When its module answers again.
     pub on_return: Policy,
 }
 
 impl Safety {
-    /// The keys of a point that are about outputs only.
+    /// The keys of a point that apply to outputs only.
     pub(super) const KEYS: [&'static str; 7] = [
         "confirm",
         "interlock",
@@ -126,7 +126,7 @@ impl Safety {
     ];
 }
 
-/// A name of an output in the text that can be understood once all modules are known.
+/// A reference to an output, to be resolved when all modules are known.
 pub(super) struct Pending {
     path: String,
     span: Span<usize>,
@@ -135,7 +135,7 @@ pub(super) struct Pending {
 }
 
 impl<'t> Reader<'t> {
-    /// What a point's table says of safety. What it excludes is noted for later.
+    /// Reads a point's safety settings. Interlocks are resolved later.
     pub(super) fn safety(&mut self, section: &Section<'_, 't>, of: Place) -> Option<Safety> {
         if of.point.kind != PointKind::Output {
             for key in Safety::KEYS {
@@ -202,7 +202,7 @@ impl<'t> Reader<'t> {
         Some(())
     }
 
-    /// A list of names, each with its place; what such a list is called, and how long it may be.
+    /// A list of names with their positions, given what to call such a list and its maximum length.
     pub(super) fn names(
         &mut self,
         value: &Value<'t>,
@@ -229,7 +229,7 @@ impl<'t> Reader<'t> {
         self.names(value, path, ("list of points", MEMBERS_MAX))
     }
 
-    /// Everything that names outputs of modules: to be read when these are known.
+    /// Reads everything that refers to outputs of modules, when these are known.
     pub(super) fn control(&mut self, root: &DeTable<'t>, config: &mut Config) {
         for pending in std::mem::take(&mut self.pending) {
             let found = self.output(root, config, (&pending.span, &pending.path), &pending.other);
@@ -354,7 +354,7 @@ impl<'t> Reader<'t> {
         }
     }
 
-    /// The output of a name such as `oven.k1`.
+    /// Resolves the name of an output, such as `oven.k1`.
     pub(super) fn output(
         &mut self,
         root: &DeTable<'t>,
@@ -370,8 +370,8 @@ impl<'t> Reader<'t> {
         Some(place)
     }
 
-    /// The point of a name such as `oven.k1`. Of a module that could not be read nothing is
-    /// said: what is wrong with it was told.
+    /// Resolves the name of a point, such as `oven.k1`. Says nothing about a module that could not
+    /// be read: its own problem is already reported.
     pub(super) fn place(
         &mut self,
         root: &DeTable<'t>,
@@ -389,13 +389,13 @@ impl<'t> Reader<'t> {
     }
 }
 
-/// Whether the text has a table of this kind and name, however wrong it is.
+/// Whether the text has a table of this kind and name, valid or not.
 pub(super) fn is_named(root: &DeTable<'_>, kind: &str, name: &str) -> bool {
     let all = root.get(kind).and_then(|all| all.get_ref().as_table());
     all.is_some_and(|all| all.contains_key(name))
 }
 
-/// Two outputs exclude each other, whichever of them says so.
+/// An interlock is mutual, no matter which of the two outputs names the other.
 fn exclude(config: &mut Config, one: &Place, other: &Place) {
     for (of, excluded) in [(one, other), (other, one)] {
         if let Some(module) = config.modules.get_mut(&of.module) {
@@ -406,7 +406,7 @@ fn exclude(config: &mut Config, one: &Place, other: &Place) {
 }
 
 impl Place {
-    /// An output by its module's name.
+    /// A point by its module's name.
     #[must_use]
     pub fn new(module: &str, point: Point) -> Place {
         Place {

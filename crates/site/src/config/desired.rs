@@ -1,5 +1,5 @@
-//! The settings that a module is to keep, from `[module.NAME.settings]`: what `plan` compares and
-//! `apply` writes. Address, speed, parity and checksum stand among the module's own keys.
+//! The settings that a module should have, from `[module.NAME.settings]`: `plan` compares them and
+//! `apply` writes them. Address, speed, parity and checksum are among the module's own keys.
 
 use super::Kind;
 use super::read::{Reader, Section, Value};
@@ -7,7 +7,7 @@ use railbus_commission::settings::{Key, Wanted, Wrong, settings};
 use railbus_device::Setup;
 use toml::de::DeValue;
 
-/// The settings that stand in this table.
+/// The settings in this table.
 const fn is_here(key: Key) -> bool {
     matches!(
         key,

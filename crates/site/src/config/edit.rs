@@ -1,5 +1,5 @@
-//! Changing a configuration as a text: what is not changed stays as it was written, comments and
-//! blanks included.
+//! Changes a configuration file's text; what is not changed stays as written, comments and blank
+//! lines included.
 
 use super::Config;
 use super::keeper::{TEXT_MAX, too_long};
@@ -12,11 +12,11 @@ use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use toml_edit::{DocumentMut, Item, Value, value};
 
-/// How many generations of a file are kept beside it: `railbus.toml.1` is the newest.
+/// How many backups of a file are kept beside it: `railbus.toml.1` is the newest.
 pub const GENERATIONS: usize = 5;
 
-/// The text with a module put where it is heard now. Nothing where the text has no such module,
-/// or would no longer be a configuration.
+/// The text with a module's address and serial settings changed to those it answers at now. `None`
+/// if the text has no such module, or would not be a valid configuration afterwards.
 #[must_use]
 pub fn moved(text: &str, module: &str, place: Place) -> Option<String> {
     let before = Config::parse(text).ok()?;
@@ -47,7 +47,7 @@ pub fn moved(text: &str, module: &str, place: Place) -> Option<String> {
     (Place::of(&read.modules.get(module)?.setup) == place).then_some(after)
 }
 
-/// Sets a key, its comment kept. One that says what holds anyway is not added.
+/// Sets a key, keeping its comment. A key with the default value is not added.
 fn set(table: &mut dyn toml_edit::TableLike, key: &str, new: Value, needed: bool) {
     match table.get_mut(key) {
         Some(Item::Value(old)) => {
@@ -66,9 +66,9 @@ fn set(table: &mut dyn toml_edit::TableLike, key: &str, new: Value, needed: bool
 /// Why a text was not written.
 #[derive(Debug)]
 pub enum WriteError {
-    /// The file says something else than what the writer has seen.
+    /// The file was changed since the writer read it.
     Changed,
-    /// The system refuses.
+    /// The system refused.
     Io(io::Error),
 }
 
@@ -89,11 +89,11 @@ impl From<io::Error> for WriteError {
     }
 }
 
-/// Puts a new text in the place of a file, or makes it; where the writer has seen what it says,
-/// in the place of that only. The older ones are kept beside it, as many as [`GENERATIONS`].
+/// Replaces or creates a file; if `seen` is given, only while the file still has that text. The
+/// previous texts are kept beside it, up to [`GENERATIONS`].
 ///
 /// # Errors
-/// Where the file says something else by now, or the system refuses.
+/// If the file was changed since it was read, or the system refuses.
 pub fn replace(file: &Path, seen: Option<&str>, text: &str) -> Result<(), WriteError> {
     let _held = hold(file)?;
     if let Some(seen) = seen
@@ -107,14 +107,14 @@ pub fn replace(file: &Path, seen: Option<&str>, text: &str) -> Result<(), WriteE
     Ok(put(file, text)?)
 }
 
-/// Nobody else of this program's kind changes a file of this folder until that is dropped.
+/// Locks the folder: no other process of this program changes a file in it until this is dropped.
 pub(super) fn hold(file: &Path) -> io::Result<File> {
     let folder = File::open(folder_of(&real(file)))?;
     folder.lock()?;
     Ok(folder)
 }
 
-/// What a file says; nothing where there is none.
+/// The text of a file; empty if there is no file.
 pub(super) fn text_of(file: &Path) -> io::Result<String> {
     let opened = match File::open(file) {
         Ok(opened) => opened,
@@ -140,8 +140,8 @@ fn folder_of(file: &Path) -> &Path {
     folder.unwrap_or(Path::new("."))
 }
 
-/// Puts a text in the place of a file, or makes it: at every moment, and after every loss of
-/// power, there is a whole one.
+/// Replaces or creates a file atomically: there is a whole one at every moment, and after every
+/// loss of power.
 pub(super) fn put(file: &Path, text: &str) -> io::Result<()> {
     let file = &real(file);
     let before = match std::fs::metadata(file) {
@@ -152,7 +152,7 @@ pub(super) fn put(file: &Path, text: &str) -> io::Result<()> {
     durable::replace(file, text.as_bytes(), before)
 }
 
-/// Keeps a copy of the file as the newest of its generations.
+/// Keeps a copy of the file as its newest backup.
 fn keep(file: &Path) -> io::Result<()> {
     for generation in (1..GENERATIONS).rev() {
         let older = beside(file, &(generation + 1).to_string());

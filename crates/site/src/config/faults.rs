@@ -1,67 +1,67 @@
-//! What is to go wrong in a simulation, as people write it: `drop 5%, delay 200ms±50`.
+//! Faults of a simulation, as they are written: `drop 5%, delay 200ms±50`.
 //!
-//! The same words stand in a plant's file, behind `--fault` and at the prompt.
+//! A simulated plant's file, `--fault` and the prompt use the same syntax.
 
 use railbus_device::{PointKind, Setup};
 use railbus_wire::Micros;
 use std::mem::discriminant;
 
-/// More faults than this in one list are refused.
+/// The maximum number of faults in one list.
 const FAULTS_MAX: usize = 32;
 
-/// The most replies that a fault may be for.
+/// The maximum number of replies that a fault can be limited to.
 const TIMES_MAX: u32 = 1_000_000;
 
-/// What happens again and again happens no more often than this.
+/// The shortest interval of something that repeats.
 const OFTENEST: Micros = Micros::from_millis(1);
 
-/// How likely something is, in millionths: 1 to 1 000 000.
+/// A probability in millionths: 1 to 1 000 000.
 pub type Millionths = u32;
 
 /// Every time.
 const ALWAYS: Millionths = 1_000_000;
 
-/// Something that goes wrong with a module, or with a line and all that hangs on it.
+/// A fault of a module, or of a line and all its modules.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
-    /// It hears and obeys, and never answers.
+    /// It receives and executes requests, and never answers.
     Mute,
-    /// It hears nothing.
+    /// It receives nothing.
     Deaf,
     /// It has no power.
     Dead,
-    /// The adapter hears what it sends. Lines only.
+    /// The adapter echoes what it sends. Lines only.
     Echo,
-    /// Of each request, it is not heard; of each reply, it is not sent.
+    /// Per request: it is not received; per reply: it is not sent.
     Drop(Millionths),
-    /// Of each character: a bit turns over.
+    /// Per character: one bit is inverted.
     Flip(Millionths),
-    /// Of each character: nobody hears it.
+    /// Per character: it is lost.
     Skip(Millionths),
-    /// One to three characters out of nowhere where the line is idle. Lines only.
+    /// One to three random characters while the line is idle. Lines only.
     Noise(Noise),
-    /// Of each reply: a 00 comes before it, or an FF after it.
+    /// Per reply: a 00 comes before it, or an FF after it.
     Glitch(Millionths),
-    /// Each reply comes later by a time between these two.
+    /// Each reply is delayed by a time between these two.
     Delay(Micros, Micros),
-    /// Of each reply: it comes a second time.
+    /// Per reply: it is sent twice.
     Duplicate(Millionths),
-    /// Of each reply: it comes in pieces, with pauses of this length.
+    /// Per reply: it comes in pieces, with pauses of this length.
     Split(Millionths, Micros),
-    /// Garbage: all the time, or with this likelihood in the place of a reply.
+    /// Garbage: all the time, or with this probability in place of a reply.
     Babble(Option<Millionths>),
-    /// The power goes, so often on average, and stays away for this time.
+    /// The power fails once in this time on average, and is off for the second time.
     Cuts(Micros, Micros),
-    /// It has this address, as if somebody had set it so. Modules only.
+    /// It has this address, as if it had been set so on site. Modules only.
     DupAddress(u8),
-    /// Each reply has another last character, which no protocol takes for a good one.
+    /// The last character of each reply is replaced by one that no protocol accepts.
     Bad,
-    /// This output, by its index, no longer does what the module is told. Modules only.
+    /// This output, by its index, no longer follows its commands. Modules only.
     Stuck(u8),
 }
 
 impl Fault {
-    /// Whether a module has only one of the two: the later one takes the place of the other.
+    /// Whether a module has only one of the two at a time: the later replaces the earlier.
     #[must_use]
     pub fn excludes(self, other: Fault) -> bool {
         match (self, other) {
@@ -70,7 +70,7 @@ impl Fault {
         }
     }
 
-    /// Whether it befalls replies, so that it may be over after so many of them.
+    /// Whether it affects replies, and can therefore be limited to a number of them.
     const fn is_of_replies(self) -> bool {
         match self {
             Fault::Mute
@@ -98,52 +98,52 @@ impl Fault {
 /// How often there is noise.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Noise {
-    /// Of each character's time.
+    /// Probability per character time.
     Chance(Millionths),
-    /// So often on average.
+    /// The mean interval.
     Every(Micros),
 }
 
-/// A fault, for how long, and the words that said so.
+/// A fault, its duration, and the words it was written in.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FaultOrder {
-    /// What goes wrong.
+    /// The fault.
     pub fault: Fault,
-    /// For how long; until it is taken back where this is none.
+    /// Its duration; if `None`, until it is cleared.
     pub lasts: Option<Micros>,
-    /// For how many replies of the module; for any number where this is none.
+    /// The number of the module's replies it is limited to; unlimited if `None`.
     pub times: Option<u32>,
     /// The words.
     pub words: String,
 }
 
-/// Why words name no fault.
+/// Why a fault could not be read.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum FaultError {
     /// There is no such fault.
     Unknown(String),
-    /// What should come after its name, such as `drop 5%`.
+    /// What its arguments should look like, such as `drop 5%`.
     Form(&'static str),
     /// Only a line can have it.
     LinesOnly(&'static str),
     /// Only a module can have it.
     ModulesOnly(&'static str),
-    /// It can't be over after so many replies.
+    /// It can't be limited to a number of replies.
     Uncounted(&'static str),
-    /// More of them than a list may have.
+    /// More than a list may have.
     TooMany(usize),
 }
 
-/// Whom faults befall.
+/// What faults apply to.
 #[derive(Clone, Copy, Debug)]
 pub enum FaultsOf<'s> {
-    /// A line and all that hangs on it.
+    /// A line and all its modules.
     Line,
-    /// A module that is set up so.
+    /// A module with this setup.
     Module(&'s Setup),
 }
 
-/// Every fault by name, and how it is written.
+/// Every fault by name, and its syntax.
 pub const FAULTS: [(&str, &str); 17] = [
     ("mute", "mute"),
     ("deaf", "deaf"),
@@ -164,10 +164,10 @@ pub const FAULTS: [(&str, &str); 17] = [
     ("stuck", "stuck k1"),
 ];
 
-/// Reads a list of faults, parted by commas.
+/// Reads a comma-separated list of faults.
 ///
 /// # Errors
-/// The first one that is none.
+/// The first that can't be read.
 pub fn parse_faults(text: &str, of: FaultsOf<'_>) -> Result<Vec<FaultOrder>, FaultError> {
     let orders: Vec<FaultOrder> = text
         .split([',', '，'])
@@ -212,7 +212,7 @@ fn parse_fault(text: &str, of: FaultsOf<'_>) -> Result<FaultOrder, FaultError> {
     })
 }
 
-/// The fault of a name, with what comes after it; nothing where that is missing or wrong.
+/// The fault of this name with its arguments; `None` if these are missing or wrong.
 fn read<'t>(
     name: &str,
     words: &mut std::iter::Peekable<impl Iterator<Item = &'t str>>,
@@ -253,7 +253,7 @@ fn read<'t>(
     Some(fault)
 }
 
-/// `k1`: which output that is.
+/// An output's label, such as `k1`.
 fn output(label: &str, of: FaultsOf<'_>) -> Option<u8> {
     let FaultsOf::Module(setup) = of else {
         return None;
@@ -271,7 +271,7 @@ fn times(word: &str) -> Option<u32> {
     (1..=TIMES_MAX).contains(&times).then_some(times)
 }
 
-/// `5%`, `0.05` and `5e-2` alike.
+/// `5%`, `0.05` and `5e-2` are all accepted.
 fn chance(word: &str) -> Option<Millionths> {
     let (number, whole) = match word.strip_suffix('%') {
         Some(number) => (number, 100.0),
@@ -288,12 +288,12 @@ fn positive(word: &str) -> Option<Micros> {
     Micros::parse(word).filter(|time| *time > Micros::ZERO)
 }
 
-/// A time after which something happens again, not so short that nothing else ever would.
+/// A repetition interval, no shorter than the minimum: nothing else would ever happen.
 fn often(word: &str) -> Option<Micros> {
     Micros::parse(word).filter(|time| *time >= OFTENEST)
 }
 
-/// `200ms`, or `200ms±50` (also `+-`), whose spread has the same unit where it names none.
+/// `200ms`, or `200ms±50` (also `+-`); the spread has the same unit if it names none.
 fn spread(word: &str) -> Option<(Micros, Micros)> {
     let parts = word.split_once('±').or_else(|| word.split_once("+-"));
     let Some((middle, spread)) = parts else {

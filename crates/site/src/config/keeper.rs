@@ -1,5 +1,5 @@
-//! The file of a configuration while a site is at work: it is changed only by those who have seen
-//! what it says, and what it said before stays at hand, with who changed it and when.
+//! The configuration file of a running site: a change must be based on the current text, and
+//! previous texts are kept with their author and time.
 
 use super::edit::{self, WriteError};
 use railbus_store::durable;
@@ -13,23 +13,23 @@ use std::time::{Duration, SystemTime};
 
 /// How many generations are kept.
 pub const KEPT_MAX: usize = 20;
-/// The longest text of a configuration.
+/// The maximum size of a configuration.
 pub const TEXT_MAX: usize = 1 << 20;
-/// The longest file of a generation: its text with every character escaped.
+/// The maximum size of a generation's file: its text with every character escaped.
 const GENERATION_MAX: u64 = 8 << 20;
-/// The folder of the generations, in that of the site's state.
+/// The folder of the generations, inside the site's state folder.
 const FOLDER: &str = "config";
 
 /// A text that the file had, or has.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Generation {
-    /// Its number; newer ones have greater numbers.
+    /// Its number; newer ones have higher numbers.
     pub id: u64,
     /// When it was written, or found, in milliseconds since 1970.
     pub at_ms: u64,
-    /// Who wrote it; none where it was found so, written by another program.
+    /// Who wrote it; `None` if another program did, and it was found so.
     pub who: Option<String>,
-    /// What it says.
+    /// The text.
     pub text: String,
 }
 
@@ -41,7 +41,7 @@ impl Generation {
     }
 }
 
-/// The keeper of a file. All of it waits for the disk.
+/// Keeps a configuration file and its generations. All methods block on the disk.
 #[derive(Clone, Debug)]
 pub struct Keeper {
     file: PathBuf,
@@ -49,8 +49,7 @@ pub struct Keeper {
 }
 
 impl Keeper {
-    /// The keeper of this file, and the folder of what is remembered of the site. Neither has to
-    /// be there yet.
+    /// A keeper of this file, with the state folder of the site. Neither has to exist yet.
     #[must_use]
     pub fn new(file: PathBuf, state: &Path) -> Keeper {
         let folder = state.join(FOLDER);
@@ -63,19 +62,19 @@ impl Keeper {
         &self.file
     }
 
-    /// What the file says now; nothing where there is none.
+    /// The text of the file; empty if there is none.
     ///
     /// # Errors
-    /// Where the system refuses, and where it is no text or too long.
+    /// If the system refuses, or the file is not text or too long.
     pub fn read(&self) -> io::Result<String> {
         edit::text_of(&self.file)
     }
 
-    /// Puts another text in the place of the one that the writer has seen.
+    /// Replaces the text if it is still the one that the writer has seen.
     ///
     /// # Errors
-    /// [`WriteError::Changed`] where the file says something else by now. After an error nothing
-    /// has changed.
+    /// [`WriteError::Changed`] if the file was changed meanwhile. After an error nothing has
+    /// changed.
     pub fn write(&self, seen: &str, text: &str, who: &str) -> Result<(), WriteError> {
         if text.len() > TEXT_MAX {
             return Err(too_long().into());
@@ -101,7 +100,7 @@ impl Keeper {
         Ok(())
     }
 
-    /// All generations that are kept, oldest first. One that can't be read is passed over.
+    /// All generations kept, oldest first. Those that can't be read are left out.
     #[must_use]
     pub fn generations(&self) -> Vec<Generation> {
         let entries = std::fs::read_dir(&self.folder)
@@ -123,8 +122,8 @@ impl Keeper {
         read_generation(&self.place(id)).filter(|found| found.id == id)
     }
 
-    /// What the file said before its last change. To go back there, and back again from there, is
-    /// to be where one was.
+    /// The newest generation that differs from `now`: the text before the last change. Going back
+    /// twice restores the first text.
     #[must_use]
     pub fn before(&self, now: &str) -> Option<Generation> {
         let kept = self.generations();
@@ -141,23 +140,23 @@ impl Keeper {
         durable::replace(&self.place(generation.id), text.as_bytes(), Some(0o600))
     }
 
-    /// The oldest go, once the newest was written.
+    /// Deletes the oldest, after the newest was written.
     fn forget(&self, kept: &[Generation]) {
         let surplus = (kept.len() + 1).saturating_sub(KEPT_MAX);
         for old in kept.iter().take(surplus) {
-            // What stays goes the next time.
+            // If deleting fails, the next write tries again.
             let _ = std::fs::remove_file(self.place(old.id));
         }
     }
 }
 
-/// The mark of a text by which its readers say which one they have seen.
+/// The fingerprint of a text by which readers name the version they have seen.
 #[must_use]
 pub fn etag(text: &str) -> String {
     let hash = Sha256::digest(text.as_bytes());
     let mut tag = String::with_capacity(32);
     for byte in hash.iter().take(16) {
-        // A string takes all that is written.
+        // Writing to a string never fails.
         let _ = write!(tag, "{byte:02x}");
     }
     tag
@@ -270,7 +269,7 @@ mod tests {
         let folder = Folder::new("refused");
         let keeper = folder.keeper();
         keeper.write("", "a", "li").unwrap();
-        // Where the new file would be made, something is in its way.
+        // A folder is in the way of the new file.
         std::fs::create_dir(folder.0.join("railbus.toml.new")).unwrap();
         assert!(matches!(
             keeper.write("a", "b", "li"),

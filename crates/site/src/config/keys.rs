@@ -1,12 +1,12 @@
-//! Every table of a configuration and the keys that it can have: those that the reader knows, and
-//! those of the published schema, which a test holds against each other.
+//! Every table of a configuration and its keys: those the reader knows and those of the published
+//! schema. A test compares them.
 
 use super::{control, owner, past, plant, ranges, read, rules, webhook};
 
 /// The published JSON Schema of a configuration.
 pub const SCHEMA: &str = include_str!("schema.json");
 
-/// The keys of each table, under the table's name in [`SCHEMA`]; the file as a whole has none.
+/// The keys of each table, under the table's name in [`SCHEMA`]; that of the whole file is empty.
 pub const TABLES: [(&str, &[&str]); 20] = [
     ("", &read::ROOT_KEYS),
     ("line", &read::LINE_KEYS),

@@ -1,5 +1,5 @@
-//! What is allowed in a configuration and still unwise: each with a stable code. What can't work
-//! at all is a [`Problem`](super::Problem).
+//! What is valid in a configuration but unwise: each with a stable code. What is invalid is a
+//! [`Problem`](super::Problem).
 
 use super::{Config, LineConfig, ModuleConfig};
 use railbus_device::{Module, Op};
@@ -18,37 +18,38 @@ pub struct Warning {
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Unwise {
-    /// Frames of a Modbus module begin with its address, and this one is what frames of another
-    /// protocol of the line begin with: the other modules begin to read them.
+    /// This Modbus address is a start character of another protocol on the line: modules of that
+    /// protocol begin to read this module's frames.
     FirstByte(Address, Protocol),
     /// An address that Modbus reserves, 248 to 255 [MODBUS §1.8].
     ReservedAddress(Address),
-    /// Address 0 means all modules in Modbus: a module that is switched to Modbus is lost there.
+    /// In Modbus, address 0 is the broadcast address: a module switched to Modbus could not be
+    /// reached there.
     AddressZero,
-    /// The polls of a line need more time than there is: so many percent of it at least, and so
-    /// long for one round, with modules that answer at once.
+    /// The polls need more than the line's time: at least this percentage of it, and this time for
+    /// one round, even if all modules answer at once.
     Overloaded {
         /// Of the line's time.
         percent: u32,
-        /// For one round of all modules.
+        /// One round of all modules.
         round: Micros,
     },
-    /// One round of all modules takes longer than a value of this one may be old.
+    /// One round of all modules takes longer than this module's maximum age.
     GoesStale {
-        /// One round at least.
+        /// At least one round.
         round: Micros,
         /// The module's own limit.
         max_age: Micros,
     },
-    /// Modules of one line at other speeds than the line's own, and how many.
+    /// This many modules have another speed than their line's.
     TwoSpeeds(u32),
-    /// The same for character formats.
+    /// This many modules have another character format than their line's.
     TwoFormats(u32),
-    /// ASCII modules with a checksum share a line with others without: a frame with a byte lost
-    /// may be a good one to those without.
+    /// ASCII modules with and without checksum share a line: to those without, a frame that lost a
+    /// byte may still be valid.
     TwoChecksums,
-    /// The port's name changes when adapters are plugged in elsewhere; the stable one, where the
-    /// machine has one.
+    /// The port's name depends on the order in which adapters are plugged in; the stable name, if
+    /// the machine has one.
     UnstablePort(Option<String>),
 }
 
@@ -70,7 +71,7 @@ impl Unwise {
     }
 }
 
-/// All warnings, line by line. `stable` tells the stable name of a port, where it has one.
+/// All warnings, line by line. `stable` returns the stable name of a port, if it has one.
 #[must_use]
 pub fn lint(config: &Config, stable: impl Fn(&str) -> Option<String>) -> Vec<Warning> {
     let mut warnings = Vec::new();
@@ -96,7 +97,7 @@ const fn warning(path: String, kind: Unwise) -> Warning {
     Warning { path, kind }
 }
 
-/// The kernel counts adapters in the order in which they are plugged in.
+/// The kernel numbers adapters in the order in which they are plugged in.
 fn is_unstable(port: &str) -> bool {
     ["/dev/ttyUSB", "/dev/ttyACM"]
         .iter()
@@ -130,7 +131,8 @@ fn addresses(name: &str, about: &ModuleConfig, others: &[Named<'_>], warnings: &
     }
 }
 
-/// What requests and replies of a protocol begin with; Modbus frames begin with any address.
+/// The start characters of a protocol's requests and replies; Modbus frames can start with any
+/// address.
 const fn first_bytes(protocol: Protocol) -> &'static [u8] {
     match protocol {
         Protocol::Rtu => &[],
@@ -146,7 +148,7 @@ const fn first_bytes(protocol: Protocol) -> &'static [u8] {
 
 fn settings(path: &str, line: &LineConfig, modules: &[Named<'_>], warnings: &mut Vec<Warning>) {
     let serials = || modules.iter().map(|(_, module)| module.setup.serial);
-    // A line without modules at its own settings has those of its first module.
+    // If no module has the line's own settings, those of its first module count.
     let own = serials().find(|serial| *serial == line.serial);
     let own = own.or_else(|| serials().next()).unwrap_or(line.serial);
     let differing = |differs: &dyn Fn(&Settings) -> bool| {
@@ -172,7 +174,7 @@ fn settings(path: &str, line: &LineConfig, modules: &[Named<'_>], warnings: &mut
     }
 }
 
-/// Compares what the polls need with what the line has.
+/// Compares the time that the polls need with what the line has.
 fn load(path: &str, modules: &[Named<'_>], warnings: &mut Vec<Warning>) {
     let round = modules.iter().map(|(_, module)| poll_time(module).0).sum();
     let percent = load_percent(modules.iter().map(|(_, module)| *module));
@@ -190,8 +192,8 @@ fn load(path: &str, modules: &[Named<'_>], warnings: &mut Vec<Warning>) {
     }
 }
 
-/// How much of a line's time the polls of its modules take at least, in percent: that of
-/// modules which answer at once.
+/// The share of a line's time that polling its modules takes at least, in percent, if they answer
+/// at once.
 pub fn load_percent<'c>(modules: impl Iterator<Item = &'c ModuleConfig>) -> u32 {
     let shares = modules.map(|module| {
         let every = module.plan.interval.0.max(1);
@@ -200,7 +202,7 @@ pub fn load_percent<'c>(modules: impl Iterator<Item = &'c ModuleConfig>) -> u32 
     u32::try_from(shares.sum::<u64>().div_ceil(100)).unwrap_or(u32::MAX)
 }
 
-/// What reading a module once takes on the wire at least.
+/// The minimum time on the wire of reading a module once.
 fn poll_time(about: &ModuleConfig) -> Micros {
     let Ok(module) = Module::new(about.setup) else {
         return Micros::ZERO;
@@ -212,9 +214,9 @@ fn poll_time(about: &ModuleConfig) -> Micros {
     times.fold(Micros::ZERO, |sum, time| sum + time)
 }
 
-/// What an op takes of the line's time with a module that answers at once: the silence before
-/// the request, the request, the silence by which a Modbus module knows its end, and the longest
-/// reply. None where the model has no frame for the op.
+/// How long an op occupies the line if the module answers at once: the silence before the request,
+/// the request, the silence that ends a frame for a Modbus module, and the longest reply. `None` if
+/// the model has no frame for the op.
 #[must_use]
 pub fn wire_time(module: &Module, op: &Op) -> Option<Micros> {
     let exchange = module.exchange(op).ok()?;
@@ -233,7 +235,7 @@ pub fn wire_time(module: &Module, op: &Op) -> Option<Micros> {
 mod tests {
     use super::*;
 
-    /// A line, and modules given by name and what is said of them.
+    /// A configuration of one line, given the modules' names and keys.
     fn codes(port: &str, modules: &[(&str, &str)]) -> Vec<(String, &'static str)> {
         let mut text = format!("[line.main]\nport = \"{port}\"\n");
         for (name, about) in modules {
@@ -320,7 +322,7 @@ mod tests {
             codes("pty:/tmp/x", &[("a", &summed), ("b", &slow)]),
             [line("L014")]
         );
-        // All of them at another speed than the line's own is one speed.
+        // If all modules have the same speed, that is one speed, even if it is not the line's.
         assert_eq!(codes("pty:/tmp/x", &[("a", &fast)]), []);
     }
 

@@ -1,5 +1,5 @@
-//! What only the owner of a site allows: where a configuration that comes over the network may
-//! lead. The tables `[ports]` and `[webhooks]`.
+//! What only the owner of a site can allow: where a configuration that arrives over the network may
+//! connect to. The tables `[ports]` and `[webhooks]`.
 
 use super::Config;
 use super::read::{Reader, Section};
@@ -7,10 +7,10 @@ use std::ops::Range as Span;
 use toml::de::DeTable;
 
 pub(super) const ALLOW_KEYS: [&str; 1] = ["allow"];
-/// The most patterns of a list.
+/// The maximum number of patterns in a list.
 const ALLOWED_MAX: usize = 64;
 
-/// What is allowed beyond what is usual, as patterns with `*` and `?`.
+/// What is allowed beyond the defaults, as patterns with `*` and `?`.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Allowed {
     /// Ports that lines may have.
@@ -22,7 +22,7 @@ pub struct Allowed {
 impl<'t> Reader<'t> {
     /// `[ports]` and `[webhooks]`.
     pub(super) fn allowed(&mut self, root: &DeTable<'t>, config: &mut Config) {
-        // What is wrong with them was told.
+        // Their problems are already reported.
         config.allowed.ports = self.allow(root, "ports").unwrap_or_default();
         config.allowed.webhooks = self.allow(root, "webhooks").unwrap_or_default();
     }

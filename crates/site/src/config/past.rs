@@ -1,4 +1,4 @@
-//! How much of the past is kept: the tables `[history]` and `[audit]`.
+//! How much history and audit log is kept: the tables `[history]` and `[audit]`.
 
 use super::Kind;
 use super::read::{Reader, Section, Value};
@@ -7,7 +7,7 @@ use railbus_wire::Micros;
 
 pub(super) const HISTORY_KEYS: [&str; 2] = ["keep", "max_bytes"];
 pub(super) const AUDIT_KEYS: [&str; 2] = ["required", "max_bytes"];
-/// The shortest time and the least room that something can be kept in.
+/// The shortest retention and the smallest size limit.
 const AGE_MIN_MS: i64 = 3_600_000;
 const BYTES_MIN: u64 = 10_000_000;
 const UNITS: [(&str, u64); 4] = [
@@ -17,14 +17,14 @@ const UNITS: [(&str, u64); 4] = [
     ("kB", 1_000),
 ];
 
-/// What is past.
+/// The limits of history and audit log.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Past {
-    /// How much history.
+    /// The limits of the history.
     pub history: Keep,
-    /// Nothing is switched that can't be written down first.
+    /// Nothing is switched unless its audit entry could be written first.
     pub audit_required: bool,
-    /// How many bytes of the audit log are kept; none for all there ever are.
+    /// The size limit of the audit log in bytes; none if it is unlimited.
     pub audit_bytes: Option<u64>,
 }
 
@@ -60,7 +60,7 @@ impl<'t> Reader<'t> {
         Some(())
     }
 
-    /// How much room something may take.
+    /// A size limit.
     fn max_bytes(&mut self, section: &Section<'_, 't>) -> Option<Option<u64>> {
         self.optional(section, "max_bytes", |reader, value, path| {
             let bytes = bytes(&reader.string(value, path)?);
@@ -72,7 +72,7 @@ impl<'t> Reader<'t> {
     }
 }
 
-/// `90d`, `12h`, in milliseconds: an hour at least.
+/// `90d`, `12h`, in milliseconds: at least an hour.
 fn age(text: &str) -> Option<i64> {
     let millis = match text.strip_suffix('d') {
         Some(days) => days.parse::<u32>().ok().map(i64::from)? * 86_400_000,
@@ -81,7 +81,7 @@ fn age(text: &str) -> Option<i64> {
     (millis >= AGE_MIN_MS).then_some(millis)
 }
 
-/// `2GB`, `500MB`: ten megabytes at least.
+/// `2GB`, `500MB`: at least ten megabytes.
 fn bytes(text: &str) -> Option<u64> {
     let (number, unit) = UNITS
         .iter()

@@ -1,6 +1,5 @@
-//! What a configuration says of the simulation of its lines and modules: the tables `[sim]`,
-//! `[line.NAME.sim]` and `[module.NAME.sim]`. Only `railbus sim` heeds them; whoever else reads
-//! the configuration checks them, and leaves it at that.
+//! The simulation of lines and modules: the tables `[sim]`, `[line.NAME.sim]` and
+//! `[module.NAME.sim]`. Only `railbus sim` uses them; the other readers just validate them.
 
 use super::read::{Reader, Section, Value};
 use super::{FaultOrder, FaultsOf, Kind, parse_faults};
@@ -27,7 +26,7 @@ pub(super) const MODULE_KEYS: [&str; 14] = [
     "insist_on_gap",
     "beyond",
 ];
-/// What a moving input may say: a digital one the first three, an analog one the last four.
+/// The keys of a varying input: a digital one has the first three, an analog one the last four.
 pub(super) const SIGNAL_KEYS: [&str; 6] = ["low", "after", "every", "from", "to", "soft"];
 const POWERS: [(&str, bool); 2] = [("on", true), ("off", false)];
 const SAMPLED: [(&str, bool); 2] = [("continuously", false), ("at-power-up", true)];
@@ -36,17 +35,17 @@ const APPLIES: [(&str, Applies); 3] = [
     ("after-restart", Applies::AfterRestart),
     ("address-after-reply", Applies::AddressAfterReply),
 ];
-/// From the end of a request to a simulated module's reply, unless it says otherwise.
+/// From the end of a request to a simulated module's reply, by default.
 const TURNAROUND: Micros = Micros::from_millis(5);
 
-/// What is said of the simulation as a whole, of its lines and of its modules.
+/// The simulation as a whole, of its lines and of its modules.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Plant {
-    /// The number that all chance comes from.
+    /// The seed of all random numbers.
     pub seed: Option<u64>,
-    /// How many times faster than real the plant runs.
+    /// How many times faster than real time the plant runs.
     pub speed: Option<f64>,
-    /// The lines of which something is said, by name.
+    /// The lines with simulation settings, by name.
     pub lines: BTreeMap<String, SimLine>,
     /// All modules, by name.
     pub modules: BTreeMap<String, SimModule>,
@@ -55,32 +54,32 @@ pub struct Plant {
 /// A simulated line.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct SimLine {
-    /// Where the link to its PTY lies.
+    /// The path of the link to its PTY.
     pub pty: Option<String>,
-    /// Where it is served over TCP as raw bytes.
+    /// The address where it is served over TCP as raw bytes.
     pub tcp: Option<SocketAddr>,
-    /// What goes wrong with it.
+    /// Its faults.
     pub faults: Vec<FaultOrder>,
 }
 
 /// A simulated module.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SimModule {
-    /// It starts with the settings of the factory, whatever the configuration wants it to have.
+    /// It starts with factory settings instead of those configured.
     pub factory: bool,
     /// It has power at the start.
     pub powered: bool,
-    /// Where its DIP switch stands; 0 leaves the address to the EEPROM.
+    /// The position of its DIP switch; with 0 the address is that of the EEPROM.
     pub dip: u8,
-    /// Whether INIT* is grounded; where nothing is said, as the protocol wants it.
+    /// Whether INIT* is grounded; `None` for what its protocol requires.
     pub init: Option<bool>,
-    /// It looks at INIT* when its power comes, and not again.
+    /// INIT* is read at power-up only.
     pub init_at_power_up: bool,
-    /// What the datasheet leaves open.
+    /// Behaviour that the datasheet leaves open.
     pub options: Options,
-    /// What goes wrong with it.
+    /// Its faults.
     pub faults: Vec<FaultOrder>,
-    /// What lies at its inputs.
+    /// The signals at its inputs.
     pub inputs: BTreeMap<Point, Signal>,
 }
 
@@ -102,42 +101,43 @@ impl Default for SimModule {
     }
 }
 
-/// What lies at an input.
+/// The signal at an input.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Signal {
     /// A digital level: high or open, or low.
     Level(bool),
-    /// A digital level that changes so often, from low at the start.
+    /// A digital level that toggles at this interval, low at the start.
     Toggle(Micros),
-    /// So many hundredths of the unit at an analog input.
+    /// A constant at an analog input, in hundredths of the unit.
     Value(i16),
-    /// A digital level that is high, but low for a time once in every so long.
+    /// A digital level that is high, with periodic low pulses.
     Blink(Blink),
-    /// So many hundredths, up from the first to the second and back within a time.
+    /// An analog value in hundredths that rises from the first to the second and falls back,
+    /// periodically.
     Swing(Swing),
 }
 
-/// A level that is low now and then.
+/// Periodic low pulses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Blink {
-    /// For how long it is low.
+    /// Their length.
     pub low: Micros,
-    /// When it is low for the first time, counted from the start.
+    /// When the first begins, counted from the start.
     pub after: Micros,
-    /// From one time to the next.
+    /// Their period.
     pub every: Micros,
 }
 
 /// A value that goes up and down.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Swing {
-    /// Where it begins, in hundredths.
+    /// The value it starts from, in hundredths.
     pub from: i16,
-    /// Where it turns, in hundredths.
+    /// The value at which it turns back, in hundredths.
     pub to: i16,
-    /// From one beginning to the next.
+    /// The period.
     pub every: Micros,
-    /// It turns softly, as a pendulum does.
+    /// Smooth turns instead of a triangle's corners.
     pub soft: bool,
 }
 

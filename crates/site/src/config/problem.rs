@@ -1,18 +1,18 @@
-//! What can be wrong with a configuration, as data: whoever shows it finds the words.
+//! Problems of a configuration as data: the text is made where they are shown.
 
 use super::FaultError;
 use railbus_device::SetupError;
 use railbus_host::NameError;
 use railbus_wire::Micros;
 
-/// A problem and its place.
+/// A problem and its position.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Problem {
     /// The line in the text, from 1.
     pub line: usize,
     /// The column in characters, from 1.
     pub column: usize,
-    /// The table and key it is about, as `module.pump.address`; empty for the whole text.
+    /// The path of the table or key, as `module.pump.address`; empty for the whole text.
     pub path: String,
     /// What is wrong.
     pub kind: Kind,
@@ -22,45 +22,45 @@ pub struct Problem {
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Kind {
-    /// The text is no TOML; the parser's own words.
+    /// The text is no TOML; the parser's own message.
     Syntax(String),
-    /// A key that does not exist here, and the one that may be meant.
+    /// An unknown key, and the one probably meant.
     UnknownKey(Option<&'static str>),
-    /// A key that must be there.
+    /// A missing key.
     MissingKey(&'static str),
-    /// A value of another kind than the one named.
+    /// A value of another type than this.
     WrongType(&'static str),
     /// A value that is none of these.
     NotOneOf(Vec<&'static str>),
-    /// A number outside these bounds.
+    /// A number out of this range.
     OutOfRange(i64, i64),
-    /// A name that is not made of `a-z`, `0-9` and `_`, 1 to 32 characters.
+    /// A name that is not 1 to 32 characters of `a-z`, `0-9` and `_`.
     BadName,
-    /// Not a length of time with its unit, such as `200ms`.
+    /// Not a duration with its unit, such as `200ms`.
     BadDuration,
     /// Not a range of an analog input.
     BadRange,
     /// Not the name of a port.
     BadPort(NameError),
-    /// Another line is plugged into the same port.
+    /// Another line has the same port.
     PortTaken(String),
-    /// A line that is not there.
+    /// An unknown line.
     NoSuchLine,
-    /// A module that is not there.
+    /// An unknown module.
     NoSuchModule,
     /// A point that the module does not have.
     NoSuchPoint,
-    /// A point, named with its module, that is not there.
+    /// The path of an unknown point.
     NoSuchPath,
     /// A point that is no output.
     NotAnOutput,
-    /// An output that is to exclude itself.
+    /// An output in its own interlock.
     InterlockSelf,
-    /// A point that was named before in the same list.
+    /// A point that is in the same list twice.
     NamedTwice,
     /// A list longer than this.
     TooMany(usize),
-    /// No time at all, or a longer one than this.
+    /// A duration of zero, or a longer one than this.
     TooLong(Micros),
     /// Neither `{ set = …, to = … }` nor `{ wait = … }`.
     BadStep,
@@ -68,25 +68,26 @@ pub enum Kind {
     BadCondition,
     /// Not a time of day such as `06:30`.
     BadTime,
-    /// Not something that a rule can do.
+    /// Not an action of a rule.
     BadAction,
-    /// A text that is empty, or longer than so many characters.
+    /// A text that is empty, or longer than this many characters.
     BadText(usize),
-    /// An output that a person has to confirm, which a rule can't.
+    /// An output that needs a person's confirmation, which a rule can't give.
     NeedsPerson,
-    /// A unit that is not the one of the point.
+    /// A unit other than that of the point.
     OtherUnit(String),
     /// A point that is no input.
     NotAnInput,
-    /// What the family says to the module.
+    /// The family rejects the module's setup.
     Setup(SetupError),
     /// Not a list of faults to simulate.
     BadFault(FaultError),
-    /// A setting that the module does not have, or that stands elsewhere; those it has here.
+    /// A setting that the module does not have, or that has its own key elsewhere; those it has
+    /// here.
     NoSuchSetting(Vec<String>),
-    /// A setting that can't be this; what it can be.
+    /// A value that this setting can't have; those it can.
     BadSetting(String),
-    /// Not the address of a receiver of events.
+    /// Not a valid receiver address.
     BadUrl,
     /// Another module on the same line has the same address in the same protocol.
     AddressTaken(String),

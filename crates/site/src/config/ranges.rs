@@ -1,4 +1,4 @@
-//! What analog inputs measure, as the text says it.
+//! Reads the ranges of analog inputs.
 
 use super::read::{Reader, Section, as_number};
 use super::{Kind, Range, Standard};
@@ -12,7 +12,7 @@ const SIGNALS: [(&str, Standard); 3] = [
 ];
 
 impl<'t> Reader<'t> {
-    /// What a module's or a point's table says; nothing inside where it says nothing.
+    /// The range in a module's or a point's table; `Some(None)` if there is none.
     pub(super) fn range(&mut self, section: &Section<'_, 't>) -> Option<Option<Range>> {
         let Some(value) = section.table.get("range") else {
             return Some(None);

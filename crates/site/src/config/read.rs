@@ -1,4 +1,4 @@
-//! From TOML to a configuration, with the place of everything that is wrong.
+//! From TOML to a configuration, with the position of every problem.
 
 use super::control::{Name, Pending};
 use super::{
@@ -94,8 +94,8 @@ pub(super) fn read(text: &str) -> Result<Config, Vec<Problem>> {
     }
 }
 
-/// Where something stands in the text of a configuration, as line and column from 1: a table or
-/// key by its path, such as `module.pump.address`, or the nearest table above it.
+/// The line and column (from 1) of a table or key given by its path, such as `module.pump.address`,
+/// or of the nearest table above it.
 #[must_use]
 pub fn place_of(text: &str, path: &str) -> Option<(usize, usize)> {
     let root = DeTable::parse(text).ok()?;
@@ -127,7 +127,7 @@ pub(super) struct Reader<'t> {
     pub(super) pending: Vec<Pending>,
 }
 
-/// One table, its keys all known.
+/// One table.
 pub(super) struct Section<'r, 't> {
     pub(super) path: String,
     span: Span<usize>,
@@ -140,7 +140,7 @@ impl<'r, 't> Section<'r, 't> {
         Section { path, span, table }
     }
 
-    /// Where a key's value stands, or the table where there is none.
+    /// The position of a key's value, or of the table if the key is missing.
     pub(super) fn place_of(&self, key: &str) -> Span<usize> {
         let value = self.table.get(key);
         value.map_or_else(|| self.span.clone(), Spanned::span)
@@ -160,7 +160,7 @@ impl<'t> Reader<'t> {
 
     fn root(&mut self, root: &DeTable<'t>) -> Config {
         let mut config = Config::default();
-        // A line that has problems is there all the same, for the modules that name it.
+        // A line with problems is still known by name, for the modules that refer to it.
         let mut lines = BTreeMap::new();
         for (key, value) in root {
             match key.get_ref().as_ref() {
@@ -183,7 +183,8 @@ impl<'t> Reader<'t> {
                         }
                     });
                 }
-                // Read when the lines and modules are known. What is wrong with others was told.
+                // Read when the lines and modules are known. Problems of the others are already
+                // reported.
                 "module" | "group" | "scene" | "rule" | "webhook" | "webhooks" | "ports" => {}
                 "sim" => {
                     let _ = self.sim(value, &mut config.plant);
@@ -295,7 +296,7 @@ impl<'t> Reader<'t> {
         })
     }
 
-    /// Speed and character format, or those of the line.
+    /// Speed and character format; by default those of the line.
     fn serial(&mut self, section: &Section<'_, 't>, of_line: Settings) -> Option<Settings> {
         let baud = match section.table.get("baud") {
             None => Some(of_line.baud),
@@ -378,7 +379,7 @@ impl<'t> Reader<'t> {
         Some((module, sim?))
     }
 
-    /// What differs from the factory's settings.
+    /// Settings that differ from the factory's.
     fn setup(
         &mut self,
         section: &Section<'_, 't>,
@@ -491,7 +492,7 @@ impl<'t> Reader<'t> {
         })
     }
 
-    /// What something is called: in one language, or in both alike.
+    /// A display name: one text for both languages, or one for each.
     pub(super) fn name(&mut self, section: &Section<'_, 't>) -> Option<Name> {
         match section.table.get("name").map(|v| (v, v.get_ref())) {
             None => Some(Name::default()),
@@ -527,7 +528,7 @@ impl<'t> Reader<'t> {
         }
     }
 
-    /// Nothing for what is wrong, nothing inside for what is not there.
+    /// `None` if it is invalid, `Some(None)` if it is missing.
     pub(super) fn optional<T>(
         &mut self,
         section: &Section<'_, 't>,
@@ -645,7 +646,7 @@ pub(super) fn as_number(value: &DeValue<'_>) -> Option<f64> {
     }
 }
 
-/// The key that the family's objection is about.
+/// The key that the family's error is about.
 const fn key_of(error: SetupError) -> &'static str {
     match error {
         SetupError::Address(..) => "address",
@@ -658,20 +659,21 @@ const fn key_of(error: SetupError) -> &'static str {
     }
 }
 
-/// Names are parts of paths in the command line, topics and addresses of web pages.
+/// Names are used in paths on the command line, in topics and in URLs.
 fn is_slug(name: &str) -> bool {
     let slug = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
     (1..=32).contains(&name.len()) && name.chars().all(slug)
 }
 
-/// The known word nearest to one that is not known, if it is near.
+/// The known word nearest to an unknown one, if it is near enough.
 fn closest(word: &str, known: &[&'static str]) -> Option<&'static str> {
     let distance = |other: &str| edit_distance(word, other);
     let nearest = known.iter().copied().min_by_key(|other| distance(other))?;
     (distance(nearest) <= 2.max(word.len() / 3)).then_some(nearest)
 }
 
-/// Whether a word may be another one, mistyped. Of short ones nobody can tell: `k9` is no `k1`.
+/// Whether a word is probably a mistyped one of another. Short words can't be judged: `k9` is not
+/// taken for `k1`.
 #[must_use]
 pub fn resembles(word: &str, meant: &str) -> bool {
     let distance = edit_distance(word, meant);
@@ -679,7 +681,7 @@ pub fn resembles(word: &str, meant: &str) -> bool {
     longest >= 4 && distance <= 2 && distance * 2 <= word.len()
 }
 
-/// How many letters must be changed, added or dropped.
+/// How many letters must be changed, added or removed.
 fn edit_distance(a: &str, b: &str) -> usize {
     let mut row: Vec<usize> = (0..=b.len()).collect();
     for (i, x) in a.bytes().enumerate() {

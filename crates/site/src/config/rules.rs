@@ -1,4 +1,4 @@
-//! Rules: what is done by itself when something has been so for a while.
+//! Rules: actions that are executed automatically when a condition has held for some time.
 
 use super::control::is_named;
 use super::problem::Kind;
@@ -10,11 +10,11 @@ use railbus_wire::Micros;
 use std::ops::Range as Span;
 use toml::de::DeTable;
 
-/// The most rules of a site.
+/// The maximum number of rules of a site.
 pub const RULES_MAX: usize = 64;
-/// The most that one rule does.
+/// The maximum number of actions of a rule.
 pub const ACTIONS_MAX: usize = 8;
-/// The longest text that a rule tells, in characters.
+/// The maximum length of a notification, in characters.
 pub const NOTICE_MAX: usize = 200;
 
 pub(super) const RULE_KEYS: [&str; 5] = ["name", "when", "for", "then", "armed"];
@@ -42,38 +42,38 @@ const DAYS: [(&str, u8); 7] = [
     ("sun", 6),
 ];
 
-/// Something that is done by itself.
+/// A rule.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rule {
-    /// What it is called.
+    /// Its display name.
     pub name: Name,
-    /// What must be so.
+    /// Its condition.
     pub when: When,
-    /// For how long without a break.
+    /// How long the condition must hold without interruption.
     pub hold: Micros,
-    /// What is done then, one after the other.
+    /// Its actions, executed in order.
     pub then: Vec<Action>,
-    /// It acts; else it only stands in the configuration.
+    /// It is in force; otherwise it is configured only.
     pub armed: bool,
 }
 
 impl Rule {
-    /// Whether two do the same at the same times, whatever they are called and whether or not
-    /// they are armed.
+    /// Whether two rules have the same condition, hold time and actions, whatever their names and
+    /// whether or not they are armed.
     #[must_use]
     pub fn acts_as(&self, other: &Rule) -> bool {
         (&self.when, self.hold, &self.then) == (&other.when, other.hold, &other.then)
     }
 }
 
-/// What a rule waits for.
+/// The condition of a rule.
 #[derive(Clone, Debug, PartialEq)]
 pub enum When {
     /// An output is on or off, an input high or low.
     Switch(Place, bool),
     /// An analog input or a variable is on one side of a limit.
     Analog(Place, Limit),
-    /// It is so late.
+    /// At a time of day.
     Clock(Clock),
     /// A module does not answer.
     ModuleOffline(String),
@@ -82,7 +82,7 @@ pub enum When {
 }
 
 impl When {
-    /// Whether it needs nothing but a clock.
+    /// Whether it depends on the clock only.
     #[must_use]
     pub const fn is_clock(&self) -> bool {
         matches!(self, When::Clock(_))
@@ -101,11 +101,11 @@ impl When {
 /// A limit of a value, in the unit of its point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limit {
-    /// It is about values above it; else about those below.
+    /// The condition holds above the limit; otherwise below.
     pub above: bool,
-    /// The limit itself, which is on neither side.
+    /// The limit itself, at which the condition does not hold.
     pub value: f64,
-    /// How far a value must come back over the limit before it counts as back.
+    /// How far a value must come back past the limit before the condition ends.
     pub hysteresis: f64,
 }
 
@@ -116,7 +116,7 @@ pub struct Clock {
     pub hour: u8,
     /// 0 to 59.
     pub minute: u8,
-    /// On which days: bit 0 is Monday, bit 6 Sunday. One at least.
+    /// The days: bit 0 is Monday, bit 6 Sunday. At least one.
     pub days: u8,
 }
 
@@ -124,7 +124,7 @@ impl Clock {
     /// Every day of the week.
     pub const DAILY: u8 = 0x7F;
 
-    /// Its days as they are written; none where it is every day.
+    /// Its days as they are written; empty for every day.
     #[must_use]
     pub fn days(self) -> Vec<&'static str> {
         let is_on = |(_, bit): &&(&str, u8)| self.days != Clock::DAILY && self.days >> bit & 1 == 1;
@@ -132,14 +132,14 @@ impl Clock {
     }
 }
 
-/// What a rule does.
+/// An action of a rule.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Action {
-    /// An output is brought into a state.
+    /// Switches an output.
     Set(Place, bool),
-    /// An output gives a pulse, of this width or its own.
+    /// Pulses an output, with this width or the module's own.
     Pulse(Place, Option<Micros>),
-    /// Somebody is told.
+    /// Reports a text as an event.
     Notify(String),
 }
 
@@ -241,7 +241,7 @@ impl<'t> Reader<'t> {
         }
     }
 
-    /// Where a key is misspelt, what is missing without it is not told, too.
+    /// Where a key is misspelt, the missing one is not reported as well.
     fn only_keys(&mut self, section: &Section<'_, 't>, known: &[&'static str]) -> Option<()> {
         self.check_keys(section, known);
         let mut keys = section.table.keys();
@@ -284,7 +284,7 @@ impl<'t> Reader<'t> {
         }
     }
 
-    /// A unit need not be said; where it is, it must be the point's.
+    /// A unit is optional; if given, it must be the point's.
     fn unit(&mut self, config: &Config, section: &Section<'_, 't>, place: &Place) -> Option<()> {
         let Some(said) = self.optional(section, "unit", Self::string)? else {
             return Some(());
@@ -302,7 +302,7 @@ impl<'t> Reader<'t> {
         Some(())
     }
 
-    /// A number that values can be compared with; a hysteresis has no sign.
+    /// A number that values can be compared with; a hysteresis is not negative.
     fn finite(&mut self, value: &Value<'t>, path: &str) -> Option<f64> {
         let number = self.number(value, path)?;
         if !number.is_finite() || path.ends_with(".hysteresis") && number < 0.0 {
@@ -406,7 +406,7 @@ impl<'t> Reader<'t> {
         }
     }
 
-    /// An output that may be switched without a person.
+    /// An output that can be switched without confirmation by a person.
     fn switched(
         &mut self,
         (root, config): Known<'_, 't>,

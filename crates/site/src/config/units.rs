@@ -1,10 +1,10 @@
-//! Analog ranges as people write them.
+//! Analog ranges as they are written.
 
-/// What an analog input measures. The module reports the value times 100 [EMD-2A2Q §4.6].
+/// The range of an analog input. The module reports the value times 100 [EMD-2A2Q §4.6].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Range {
-    /// What lies at the terminals, where the value is another: a sensor's signal. Without one the
-    /// value is what the module reports.
+    /// The signal at the terminals, where it differs from the value: that of a sensor. Without one,
+    /// the value is what the module reports.
     pub signal: Option<Standard>,
     /// The value at the low end.
     pub low: f64,
@@ -16,14 +16,14 @@ pub struct Range {
     pub decimals: u8,
 }
 
-/// A sensor's signal, from the low end to the high end of what it measures.
+/// A sensor's signal, from the low end to the high end of its range.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Standard {
     /// 0 to 10 V.
     Volts,
     /// 0 to 20 mA.
     Milliamps,
-    /// 4 to 20 mA, so that a broken wire is far below the low end.
+    /// 4 to 20 mA: a broken wire reads far below the low end.
     LiveMilliamps,
 }
 
@@ -74,7 +74,7 @@ impl Range {
         self.low + (at_terminal - from) / (to - from) * (self.high - self.low)
     }
 
-    /// What lies at the terminals.
+    /// The signal at the terminals.
     #[must_use]
     pub fn at_terminal(&self) -> Range {
         match self.signal {

@@ -5,12 +5,12 @@ use jiff::civil::Time;
 use jiff::tz::TimeZone;
 use jiff::{Timestamp, ToSpan};
 
-/// A time of day that was slept through by more than this, in milliseconds, is left out: the
-/// clock was set, or the machine stood still.
+/// A time of day that was missed by more than this, in milliseconds, is skipped: the clock was set,
+/// or the machine was suspended.
 pub const LATE_MAX_MS: i64 = 60_000;
 
-/// When it is so late for the first time after a moment, both in milliseconds since 1970. A time
-/// that a change of the clock leaves out comes as much later; one that comes twice counts once.
+/// The first time after a moment that it is this time of day, both in milliseconds since 1970. A
+/// time that a clock change skips comes later by as much; one that comes twice counts once.
 pub(super) fn next(clock: Clock, zone: &TimeZone, after: i64) -> Option<i64> {
     let now = Timestamp::from_millisecond(after).ok()?;
     let today = now.to_zoned(zone.clone()).date();
@@ -21,7 +21,7 @@ pub(super) fn next(clock: Clock, zone: &TimeZone, after: i64) -> Option<i64> {
         0,
     );
     let time = time.ok()?;
-    // A week later it is the same day; one day more where today's time has passed.
+    // After a week it is the same weekday; one day more if today's time has passed.
     (0..=8).find_map(|ahead: i64| {
         let day = today.checked_add(ahead.days()).ok()?;
         let bit = day.weekday().to_monday_zero_offset();

@@ -6,27 +6,27 @@ use jiff::tz::TimeZone;
 use railbus_wire::Micros;
 use std::collections::VecDeque;
 
-/// The shortest time between two acts of a rule. One that would come sooner waits for it.
+/// The minimum time between two actions of a rule. An earlier one is delayed.
 pub const BETWEEN_ACTS: Micros = Micros::from_secs(1);
-/// A rule that would act more often within an hour stops: two rules that undo each other would
-/// swing for ever.
+/// A rule that would act more often than this within an hour is stopped: two rules that undo each
+/// other would oscillate for ever.
 pub const ACTS_PER_HOUR: usize = 60;
 
 const HOUR: Micros = Micros::from_secs(3_600);
 
-/// A moment, by both clocks.
+/// A moment, on both clocks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Moment {
-    /// By the one that nobody sets: how long something lasts.
+    /// The monotonic clock: for durations.
     pub steady: Micros,
-    /// In milliseconds since 1970: how late it is.
+    /// The wall clock, in milliseconds since 1970: for times of day.
     pub wall: i64,
 }
 
-/// What is known of what a rule waits for.
+/// What is known of a rule's condition.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Fact {
-    /// Nothing: the value is stale or bad, the line is lent.
+    /// Nothing: the value is stale or bad, or the line is under exclusive access.
     Unknown,
     /// An output is on, an input high, a module or a line offline; or not.
     Is(bool),
@@ -34,40 +34,40 @@ pub enum Fact {
     Value(f64),
 }
 
-/// When an engine wants to be asked again.
+/// When an engine must be polled next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Deadline {
-    /// At a moment of the steady clock.
+    /// A moment of the monotonic clock.
     Steady(Micros),
-    /// When it is so late, in milliseconds since 1970.
+    /// A moment of the wall clock, in milliseconds since 1970.
     Wall(i64),
 }
 
-/// What an engine has to say.
+/// What an engine returns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Output {
     /// The rule acts now.
     Act,
-    /// It would act too often, and does not act any more.
+    /// It would act too often, and is stopped.
     Stop,
-    /// There is nothing to do until then, or until something else is known.
+    /// There is nothing to do until then, or until another fact is known.
     Wait(Option<Deadline>),
 }
 
-/// Where a rule is.
+/// The state of a rule.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Phase {
     /// Its condition is not known to hold.
     Resting,
-    /// It has held since then.
+    /// The condition has held since then.
     Holding(Micros),
-    /// It has acted, and its condition is not known to have ceased since.
+    /// It has acted, and its condition is not known to have ended since.
     Acted,
     /// It acted too often.
     Stopped,
 }
 
-/// One rule at work.
+/// One rule in operation.
 #[derive(Clone, Debug)]
 pub struct Engine {
     when: When,
@@ -76,12 +76,12 @@ pub struct Engine {
     phase: Phase,
     /// When it acted within the last hour.
     acts: VecDeque<Micros>,
-    /// When it is so late next, and when that was found out.
+    /// The next time of day, and when that was computed.
     next: Option<(i64, i64)>,
 }
 
 impl Engine {
-    /// A rule of which nothing is known yet. Times of day are those of the zone.
+    /// A rule with no facts yet. Times of day are in this zone.
     #[must_use]
     pub fn new(rule: &Rule, zone: TimeZone) -> Engine {
         Engine {
@@ -94,13 +94,13 @@ impl Engine {
         }
     }
 
-    /// Where it is.
+    /// Its state.
     #[must_use]
     pub const fn phase(&self) -> Phase {
         self.phase
     }
 
-    /// When it acts if nothing changes, as far as it has found that out.
+    /// When it acts if nothing changes, as far as computed.
     #[must_use]
     pub fn deadline(&self) -> Option<Deadline> {
         match self.phase {
@@ -115,8 +115,8 @@ impl Engine {
         (since + self.hold).max(rested.unwrap_or_default())
     }
 
-    /// This is known from now on. What is not known fulfils no condition; only what is known to
-    /// have ceased makes a rule that has acted ready again.
+    /// Takes a fact that holds from now on. An unknown one fulfils no condition; a rule that has
+    /// acted is ready again only when its condition is known to have ended.
     pub fn handle(&mut self, now: Moment, fact: Fact) {
         self.phase = match (self.phase, self.holds(fact)) {
             (Phase::Stopped, _) => Phase::Stopped,
@@ -127,8 +127,8 @@ impl Engine {
         };
     }
 
-    /// Whether the condition holds; none where that can't be known. A value that was over the
-    /// limit is so until it has come back by the hysteresis.
+    /// Whether the condition holds; `None` if that is unknown. A value that was past the limit
+    /// counts as past it until it has come back by the hysteresis.
     fn holds(&self, fact: Fact) -> Option<bool> {
         let was_over = matches!(self.phase, Phase::Holding(_) | Phase::Acted);
         match (&self.when, fact) {
@@ -139,7 +139,7 @@ impl Engine {
         }
     }
 
-    /// What there is to do. To be asked again until it waits.
+    /// What there is to do. Must be polled until it waits.
     pub fn poll(&mut self, now: Moment) -> Output {
         match self.phase {
             Phase::Stopped => Output::Wait(None),
@@ -158,7 +158,7 @@ impl Engine {
         let When::Clock(clock) = self.when else {
             return Output::Wait(None);
         };
-        // A clock that was put back makes what was found out about it void.
+        // A clock that was set back invalidates what was computed from it.
         self.next = self
             .next
             .filter(|(_, asked)| now.wall >= asked - LATE_MAX_MS);

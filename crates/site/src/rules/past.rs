@@ -1,4 +1,4 @@
-//! What the history tells of what a rule waits for.
+//! Runs a rule over the history.
 
 use super::engine::Fact;
 use super::replay::{Replay, Tried};
@@ -10,16 +10,16 @@ use railbus_store::history::{
     Asked, Event, EventKind, Grade, History, HistoryError, PIECE_MAX, Sample,
 };
 
-/// How many samples one try looks at.
+/// The maximum number of samples that one run reads.
 const SAMPLES_MAX: usize = 1 << 20;
-/// How many events are read at a time, and how often.
+/// How many events are read per page, and the maximum number of pages.
 const EVENTS: usize = 500;
 const PAGES_MAX: usize = 20;
 
-/// Tries a rule from one moment to another, both in milliseconds since 1970.
+/// Runs a rule over the history from one moment to another, both in milliseconds since 1970.
 ///
 /// # Errors
-/// [`HistoryError`]. That nothing was kept of what the rule waits for is none.
+/// [`HistoryError`]. A history without anything about the rule's condition is no error.
 pub(crate) async fn try_against(
     history: &History,
     config: &Config,
@@ -80,7 +80,7 @@ fn fact(place: &Place, sample: &Sample) -> Fact {
     }
 }
 
-/// Whether an event tells something.
+/// Selects events.
 type Wanted<'w> = &'w (dyn Fn(&Event) -> bool + Sync);
 
 /// What is known of a module and its line, or of a line alone.
@@ -94,7 +94,7 @@ struct Heard {
 }
 
 impl Heard {
-    /// That all is well when the program begins is not told, only what is not.
+    /// At the start of the program only faults are reported, not that all is well.
     const WELL: Heard = Heard {
         silent: Some(false),
         down: Some(false),
@@ -163,7 +163,7 @@ async fn of_events(
     Ok(replay.end())
 }
 
-/// The events from the last one before a moment on, and from when on they are all there.
+/// The wanted events since the last one before a moment, and from when on they are complete.
 async fn back_to(
     history: &History,
     mut asked: Asked,

@@ -1,33 +1,33 @@
-//! When a rule would have acted.
+//! Computes when a rule would have acted.
 
 use super::engine::{Deadline, Engine, Fact, Moment, Output};
 use crate::config::Rule;
 use jiff::tz::TimeZone;
 use railbus_wire::Micros;
 
-/// How many acts are listed; the rest is counted.
+/// How many actions are listed; the rest is counted only.
 pub const LISTED_MAX: usize = 500;
 
-/// What came of trying a rule against the past. All times are milliseconds since 1970.
+/// The result of running a rule over the history. All times are in milliseconds since 1970.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Tried {
-    /// From when on.
+    /// The start.
     pub since: i64,
-    /// Until when.
+    /// The end.
     pub until: i64,
     /// When it would have acted: the first [`LISTED_MAX`] times.
     pub acts: Vec<i64>,
-    /// How often it would have.
+    /// How often it would have acted.
     pub count: usize,
     /// When it would have been stopped for acting too often.
     pub stopped: Option<i64>,
-    /// How long of it nothing was known that the rule could go by, in milliseconds.
+    /// For how long the condition was unknown, in milliseconds.
     pub unknown_ms: i64,
-    /// There was more of the past than is looked at at once: it ends early.
+    /// There was more history than one run reads: it ends early.
     pub is_cut: bool,
 }
 
-/// A rule that is being tried. It is told what was known since when, in the order of time.
+/// A rule that is run over the past. It is given the facts in order of time.
 #[derive(Debug)]
 pub struct Replay {
     engine: Engine,
@@ -37,15 +37,14 @@ pub struct Replay {
 }
 
 impl Replay {
-    /// A rule from one moment to another, both in milliseconds since 1970. What happened before
-    /// counts for what is so at the beginning, but acts are not listed before it.
+    /// A run from one moment to another, both in milliseconds since 1970. Earlier facts set the
+    /// initial state, but actions before the start are not listed.
     #[must_use]
     pub fn new(rule: &Rule, zone: TimeZone, since: i64, until: i64) -> Replay {
         let is_clock = rule.when.is_clock();
         Replay {
             engine: Engine::new(rule, zone),
-            // What a clock rule did before does not count, and what is said of a point may be
-            // of any time before.
+            // A clock rule has no earlier state, and facts about a point may be of any time before.
             now: if is_clock { since - 1 } else { 0 },
             is_known: is_clock,
             tried: Tried {
@@ -56,7 +55,7 @@ impl Replay {
         }
     }
 
-    /// This was known from then on. What is later than the end does not count.
+    /// Takes a fact that holds from this time on. One after the end is ignored.
     pub fn take(&mut self, at: i64, fact: Fact) {
         if at >= self.tried.until {
             return;
@@ -67,7 +66,7 @@ impl Replay {
         self.ask(at);
     }
 
-    /// What came of it.
+    /// The result.
     #[must_use]
     pub fn end(mut self) -> Tried {
         self.run(self.tried.until - 1);
@@ -75,7 +74,7 @@ impl Replay {
         self.tried
     }
 
-    /// The same, of a past that is looked at up to a moment only.
+    /// The result of a run that covers the history up to this moment only.
     #[must_use]
     pub fn cut(mut self, at: i64) -> Tried {
         self.tried.until = at;
@@ -83,10 +82,10 @@ impl Replay {
         self.end()
     }
 
-    /// Lets the time up to a moment pass.
+    /// Advances to a moment.
     fn run(&mut self, to: i64) {
         while let Some(due) = self.ask(self.now).filter(|due| *due <= to) {
-            // An engine asks for a moment to come.
+            // An engine's deadline must advance the time.
             self.pass(due.max(self.now + 1));
         }
         self.pass(to);
@@ -100,7 +99,7 @@ impl Replay {
         self.now = self.now.max(to);
     }
 
-    /// Does what there is to do; gives back when there is more.
+    /// Does what is due; returns when more is due.
     fn ask(&mut self, at: i64) -> Option<i64> {
         loop {
             match self.engine.poll(moment(at)) {
@@ -126,7 +125,7 @@ impl Replay {
     }
 }
 
-/// In the past both clocks are one.
+/// In the past both clocks are the same.
 fn moment(at: i64) -> Moment {
     Moment {
         steady: Micros::from_millis(u64::try_from(at).unwrap_or_default()),
