@@ -10,13 +10,16 @@ mod batch;
 mod commands;
 mod context;
 mod disk;
+mod exclusive;
 mod guard;
 mod lease;
+mod lines;
 mod order;
 mod policies;
 mod promises;
 mod pulse;
 mod quality;
+mod reload;
 mod scene;
 mod schedule;
 mod state;
@@ -29,14 +32,15 @@ mod write;
 
 pub use batch::{BatchDone, BatchTerms, GroupState, Part, PartDone};
 pub use commands::{COMMANDS_KEPT, Command};
-pub(crate) use context::{Context, Reply, RequestId, TaskId};
+pub(crate) use context::{Context, Reply, RequestId, Store, TaskId};
+pub use exclusive::LOAN_MAX;
+pub(crate) use exclusive::{Exclusive, LoanId};
 pub use lease::{LEASE_MAX, LEASE_MIN, Leased};
 pub(crate) use promises::{Board, Kept, Promise, Why, boards};
 pub use pulse::{By, PULSE_MAX, Pulse, PulseDone};
-pub(crate) use schedule::STOP_MAX;
-pub(crate) use state::{LineNow, State};
+pub use reload::Reloaded;
+pub(crate) use state::State;
 pub use stream::{Batch, News, Picture, PointReading};
-pub(crate) use turns::Turn;
 pub(crate) use write::Who;
 pub use write::{ToggleTerms, WriteDone, WriteTerms};
 
@@ -45,8 +49,9 @@ use crate::config::Place;
 use crate::service::Update;
 use context::Procedure;
 use railbus_device::Op;
-use railbus_host::{LineEvent, ModuleId};
+use railbus_host::{LineEvent, ModuleChanges, ModuleId, PortError};
 use railbus_store::audit::{End, Note};
+use railbus_store::history::Event;
 use railbus_wire::Micros;
 use schedule::Schedule;
 use std::collections::{BTreeMap, BTreeSet};
@@ -91,7 +96,7 @@ pub(crate) struct Begun {
     /// Its number.
     pub(crate) id: String,
     /// The event to report at its end.
-    pub(crate) event: Box<railbus_store::history::Event>,
+    pub(crate) event: Box<Event>,
 }
 
 /// What happened.
@@ -99,16 +104,16 @@ pub(crate) struct Begun {
 pub(crate) enum Input<'a> {
     /// Time has passed.
     Time,
-    /// A line was opened, and its clock began at this time of the site.
-    Opened(&'a str, LineId, Micros),
+    /// A line was opened, and its clock began at this time of the site; or the system refused.
+    Opened(&'a str, LineId, Result<Micros, PortError>),
+    /// The port of a line that was to be closed is free.
+    Closed(LineId),
     /// Something happened on a line, or to it.
     Line(LineId, &'a str, &'a LineEvent),
     /// A request to the driver is done.
     Done(RequestId, Reply),
     /// The scheduled actions are on the disk, or the write failed.
     Kept(Result<(), ErrorKind>),
-    /// These turns are released.
-    Release(Vec<Arc<Turn>>),
 }
 
 /// What the driver has to do.
@@ -153,6 +158,35 @@ pub(crate) enum Output {
     },
     /// Write the scheduled actions: [`Input::Kept`]. There is one such write at a time.
     Keep(Vec<Kept>),
+    /// Open a line as this configuration has it: [`Input::Opened`].
+    Open {
+        /// Its name.
+        line: String,
+        /// Its number from now on.
+        id: LineId,
+        /// The configuration.
+        config: Arc<Config>,
+    },
+    /// Close a line: [`Input::Closed`] once its port is free. Commands in progress end first.
+    Close(LineId),
+    /// Modules leave a line and join it: [`Reply::Changed`].
+    Change {
+        /// Returned in the reply.
+        request: RequestId,
+        /// The line.
+        line: LineId,
+        /// The modules.
+        change: ModuleChanges,
+    },
+    /// Write a configuration: [`Reply::Stored`].
+    Store {
+        /// Returned in the reply.
+        request: RequestId,
+        /// Writes it.
+        store: Store,
+    },
+    /// Report an event.
+    Event(Box<Event>),
     /// Notify subscribers at once.
     Publish(Update),
     /// Notify followers of the stream; if there are none, [`Core::is_not_followed`].
@@ -193,7 +227,7 @@ impl Drop for Core {
 
 impl Core {
     /// A site of which nothing is known yet but its scheduled actions. Its lines are opened by
-    /// [`Input::Opened`].
+    /// [`State::line_opens`] and [`Input::Opened`].
     pub(crate) fn new(now: Now, config: Config, polls: bool, kept: Vec<Kept>) -> Core {
         let boards = boards(&config);
         let mut state = Box::new(State::new(config, polls));
@@ -216,11 +250,8 @@ impl Core {
     pub(crate) fn handle(&mut self, now: Now, input: Input<'_>) {
         match input {
             Input::Time => {}
-            Input::Opened(line, id, began) => {
-                if let Some(line) = self.state.lines.get_mut(line) {
-                    (line.id, line.began) = (Some(id), began);
-                }
-            }
+            Input::Opened(line, id, opened) => self.state.line_opened(line, id, opened),
+            Input::Closed(line) => self.state.line_closed(line),
             Input::Line(id, line, event) => {
                 self.state.now = now;
                 self.state.observe(id, line, event);
@@ -228,7 +259,6 @@ impl Core {
             }
             Input::Done(request, reply) => self.state.runs.answer(request, reply),
             Input::Kept(end) => self.state.schedule.written(end, now.site),
-            Input::Release(turns) => return self.step(now, |_| drop(turns)),
         }
         self.step(now, |_| {});
     }
@@ -250,13 +280,8 @@ impl Core {
     }
 
     /// Changes the state from outside, as one step.
-    pub(crate) fn change<T>(&mut self, now: Now, change: impl FnOnce(&Context) -> T) -> T {
-        self.step(now, |context| {
-            let changed = change(context);
-            // A line may have changed.
-            context.with(State::wake_opening);
-            changed
-        })
+    pub(crate) fn change<T>(&mut self, now: Now, change: impl FnOnce(&mut State) -> T) -> T {
+        self.step(now, |context| context.with(change))
     }
 
     /// Cancels a procedure, unless it has ended.

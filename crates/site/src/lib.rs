@@ -32,15 +32,14 @@ mod truth;
 
 pub use self::core::{
     Batch, BatchDone, BatchTerms, By, COMMANDS_KEPT, Command, GroupState, LEASE_MAX, LEASE_MIN,
-    Leased, News, PULSE_MAX, Part, PartDone, Picture, PointReading, Pulse, PulseDone, ToggleTerms,
-    WriteDone, WriteTerms,
+    LOAN_MAX, Leased, News, PULSE_MAX, Part, PartDone, Picture, PointReading, Pulse, PulseDone,
+    Reloaded, ToggleTerms, WriteDone, WriteTerms,
 };
 pub use config::Config;
 pub use failure::Failure;
 pub use rights::{Rights, Role};
 pub use service::{
-    Counts, Events, Follower, LOAN_MAX, Left, LineStatus, Loan, ModuleStatus, PointStatus,
-    RawTerms, Reloaded, RuleStatus, STEPS, Sent, Service, StartError, Update, Updates, Work,
-    is_refused,
+    Counts, Events, Follower, Left, LineStatus, Loan, ModuleStatus, PointStatus, RawTerms,
+    RuleStatus, STEPS, Sent, Service, StartError, Update, Updates, Work, is_refused,
 };
 pub use truth::{Change, PointState, Pulses, Quality, Reason, Site, Value};

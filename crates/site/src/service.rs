@@ -14,17 +14,16 @@ mod status;
 mod update;
 
 pub use follow::Follower;
-pub use loan::{LOAN_MAX, Loan};
+pub use loan::Loan;
 pub(crate) use meter::Busy;
 pub use meter::{Counts, STEPS};
 pub use record::{Events, Work};
-pub use reload::Reloaded;
 pub use rules::RuleStatus;
 pub use send::{Sent, is_refused};
 pub use status::{Left, LineStatus, ModuleStatus, PointStatus};
 pub use update::{Update, Updates};
 
-use crate::core::{Command, Context, Core, Input, LineId, News, Now, TaskId, Turn, boards};
+use crate::core::{Command, Context, Core, Input, LineId, News, Now, TaskId};
 use crate::{Config, Failure, Rights};
 use railbus_device::{Module, SetupError};
 use railbus_host::{Line, LineConfig, LineName, NameError, PortError, Probe, ProbeResult, Tap};
@@ -35,7 +34,6 @@ use rules::Standings;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::SystemTime;
 use tokio::sync::{Notify, broadcast, oneshot};
@@ -90,7 +88,6 @@ pub(crate) struct Inner {
     driven: Mutex<Driven>,
     /// The core has to be told of the time earlier than it was to be.
     alarm: Arc<Notify>,
-    newest_line: AtomicU64,
     /// Where what must outlive the process is kept.
     folder: Option<PathBuf>,
     audit: Audit,
@@ -98,8 +95,6 @@ pub(crate) struct Inner {
     rules: Standings,
     updates: broadcast::Sender<Update>,
     news: broadcast::Sender<News>,
-    /// Only one at a time may change the configuration.
-    reloading: tokio::sync::Mutex<()>,
     runtime: tokio::runtime::Handle,
     start: tokio::time::Instant,
     polls: bool,
@@ -188,14 +183,12 @@ impl Service {
                     site: None,
                 }),
                 alarm: Arc::default(),
-                newest_line: AtomicU64::new(0),
                 folder: folder.map(Path::to_owned),
                 audit: Audit::default(),
                 journal: Journal::default(),
                 rules: Standings::default(),
                 updates: broadcast::Sender::new(UPDATES_MAX),
                 news: broadcast::Sender::new(follow::NEWS_MAX),
-                reloading: tokio::sync::Mutex::new(()),
                 runtime: tokio::runtime::Handle::current(),
                 start: tokio::time::Instant::now(),
                 polls,
@@ -208,7 +201,7 @@ impl Service {
             Arc::clone(&service.inner.alarm),
         ));
         for (name, prepared) in names.into_iter().zip(prepared) {
-            service.open(&name, prepared).map_err(StartError::System)?;
+            service.open(&name, prepared)?;
         }
         service.inner.drive(|core, now| core.take_up(now));
         Ok(service)
@@ -225,23 +218,15 @@ impl Service {
         }
     }
 
-    /// Opens a line whose events the core hears of before anyone else.
-    fn open(&self, name: &str, mut config: LineConfig) -> Result<(), PortError> {
-        let id = LineId(self.inner.newest_line.fetch_add(1, Ordering::Relaxed));
-        let inner = Arc::downgrade(&self.inner);
-        let line = name.to_owned();
-        config.observer = Some(Box::new(move |event| {
-            // The task outlives the site only while it closes its port.
-            if let Some(inner) = inner.upgrade() {
-                inner.drive(|core, now| core.handle(now, Input::Line(id, &line, event)));
-            }
-        }));
-        let opened = Line::open(config)?;
-        // In this order: a reading never seems newer than it is.
-        let began = self.inner.now().site - opened.now().since(Instant(0));
-        lock(&self.inner.driven).lines.insert(id, opened);
-        self.inner
-            .drive(|core, now| core.handle(now, Input::Opened(name, id, began)));
+    /// Opens a line of a site that begins.
+    fn open(&self, name: &str, config: LineConfig) -> Result<(), StartError> {
+        let mut driven = lock(&self.inner.driven);
+        let now = self.inner.now();
+        if let Some(id) = driven.core.state(now).line_opens(name) {
+            let began = self.inner.open(&mut driven, (name, id), config);
+            let began = began.map_err(StartError::System)?;
+            driven.core.handle(now, Input::Opened(name, id, Ok(began)));
+        }
         Ok(())
     }
 
@@ -279,19 +264,8 @@ impl Service {
     /// are switched, commands under way get a second to end, the frames on the wire leave, the
     /// ports are closed. New commands are refused from the beginning on.
     pub async fn close(&self) {
-        self.ask(|core| async move {
-            core.stop_all().await;
-            core.exit_policy().await;
-        })
-        .await;
-        let lines = {
-            let mut driven = lock(&self.inner.driven);
-            for line in driven.core.state(self.inner.now()).lines.values_mut() {
-                line.id = None;
-            }
-            std::mem::take(&mut driven.lines)
-        };
-        close_all(lines.into_values()).await;
+        self.ask(|core| async move { core.close_site().await })
+            .await;
         self.inner.drive(|core, now| core.finish_stream(now));
     }
 
@@ -393,16 +367,6 @@ pub struct RawTerms {
     pub clear: bool,
 }
 
-/// Closes lines side by side.
-async fn close_all(lines: impl Iterator<Item = Line>) {
-    let close = |line: Line| tokio::spawn(async move { line.close().await });
-    let closing: Vec<_> = lines.map(close).collect();
-    for line in closing {
-        // Fails only where the runtime itself ends.
-        let _ = line.await;
-    }
-}
-
 /// A procedure that ends when this is dropped.
 struct Asking {
     inner: Arc<Inner>,
@@ -413,20 +377,6 @@ impl Drop for Asking {
     fn drop(&mut self) {
         let task = self.task;
         self.inner.drive(|core, now| core.cancel(now, task));
-    }
-}
-
-/// Turns that are held outside the core, until this is dropped.
-struct HeldTurns {
-    inner: Arc<Inner>,
-    turns: Vec<Arc<Turn>>,
-}
-
-impl Drop for HeldTurns {
-    fn drop(&mut self) {
-        let turns = std::mem::take(&mut self.turns);
-        self.inner
-            .drive(|core, now| core.handle(now, Input::Release(turns)));
     }
 }
 

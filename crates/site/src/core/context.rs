@@ -3,11 +3,11 @@
 //! two awaits, nothing else comes between.
 
 use super::state::State;
-use super::{Begun, Output};
+use super::{Begun, LineId, Output};
 use crate::Failure;
 use crate::service::lock;
 use railbus_device::Op;
-use railbus_host::{Done, Fault};
+use railbus_host::{Done, Fault, ModuleChanges};
 use railbus_store::audit::{End, Note};
 use railbus_wire::Micros;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
@@ -34,6 +34,19 @@ pub(crate) enum Reply {
     Begun(Result<Begun, Failure>),
     /// How it ended is written down.
     Ended,
+    /// A line has taken its new modules.
+    Changed,
+    /// Whether a configuration was written.
+    Stored(bool),
+}
+
+/// Writes a configuration that is about to come into force; says whether that succeeded.
+pub(crate) struct Store(pub(crate) Pin<Box<dyn Future<Output = bool> + Send>>);
+
+impl std::fmt::Debug for Store {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Store")
+    }
 }
 
 /// The procedures' part of the state: who is to be polled, and what goes out.
@@ -284,6 +297,22 @@ impl Context {
             Some(Reply::Begun(begun)) => begun,
             _ => Err(Failure::NotAudited),
         }
+    }
+
+    /// Modules leave a line and join it.
+    pub(super) async fn change_modules(&self, line: LineId, change: ModuleChanges) {
+        let change = |request| Output::Change {
+            request,
+            line,
+            change,
+        };
+        let _ = self.ask(change).await;
+    }
+
+    /// Has a configuration written; says whether that succeeded.
+    pub(super) async fn store(&self, store: Store) -> bool {
+        let stored = self.ask(|request| Output::Store { request, store }).await;
+        matches!(stored, Some(Reply::Stored(true)))
     }
 
     /// Writes down how it ended.

@@ -154,19 +154,22 @@ impl Schedule {
         std::mem::take(&mut self.dropped)
     }
 
-    /// One could not be done to its board, which is one of these, and the name is about to stand
-    /// for another: [`Schedule::take_dropped`] says so, once of an output.
-    pub(super) fn drop_of(&mut self, boards: &Boards, number: u64) {
-        let action = self.by_number.get(&number);
-        let action = action.filter(|action| action.is_to_be_done());
-        let dropped = action.and_then(|Action { key, .. }| {
-            let board = boards.get(&key.0.module)?;
-            Some((key.clone(), board.clone()))
-        });
-        self.leave_out_one(number);
-        if let Some(one) = dropped.filter(|one| !self.dropped.contains(one)) {
-            self.dropped.push(one);
+    /// What is to be done to these outputs can't be done any more: their boards, which are these,
+    /// lose their names. [`Schedule::take_dropped`] has it then, once of an output.
+    pub(super) fn drop_of(&mut self, boards: &Boards, is_other: impl Fn(&Place) -> bool) {
+        for action in self.by_number.values() {
+            let Action { key, .. } = action;
+            if let Some(board) = boards.get(&key.0.module)
+                && action.is_to_be_done()
+                && is_other(&key.0)
+            {
+                let one = (key.clone(), board.clone());
+                if !self.dropped.contains(&one) {
+                    self.dropped.push(one);
+                }
+            }
         }
+        self.leave_out(|key| is_other(&key.0));
     }
 
     /// These are not to be done any more; [`Context::keep`] brings that to the disk.

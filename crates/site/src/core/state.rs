@@ -3,7 +3,8 @@
 use super::commands::Commands;
 use super::context::{Runs, TaskId};
 use super::guard::Guard;
-use super::promises::{Board, Boards, Key, boards};
+use super::lines::{LineNow, LineTurns};
+use super::promises::boards;
 use super::quality::Qualities;
 use super::schedule::Schedule;
 use super::stream::Stream;
@@ -11,10 +12,10 @@ use super::turns::Turns;
 use super::{At, LineId, Now};
 use crate::config::{ModuleConfig, Place};
 use crate::health::Health;
-use crate::service::{Busy, Update};
+use crate::service::Update;
 use crate::{Change, Config, Failure, Quality, Reason, Site, Value};
 use railbus_device::{Point, PointKind};
-use railbus_host::{Event, Fault, LineEvent, LineState, ModuleId, PortError, Presence};
+use railbus_host::{Event, Fault, LineEvent, LineState, ModuleId, Presence};
 use railbus_wire::{Instant, Micros};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
@@ -41,68 +42,20 @@ pub(crate) struct State {
     pub(super) stream: Stream,
     /// The site is read again and again.
     pub(crate) polls: bool,
-    /// Who waits for a line to be opened for the first time.
+    /// Procedures that wait until a line is opened for the first time, or closed.
     pub(super) opening: BTreeSet<TaskId>,
+    pub(super) line_turns: LineTurns,
+    /// How many lines were opened; the next one has this number.
+    pub(super) lines_opened: u64,
+    pub(super) newest_loan: u64,
+    /// The site has ended: lines are not opened any more.
+    pub(super) is_closed: bool,
     /// Outputs that the event that is being applied has shown in another state.
     pub(super) changed: Vec<Change>,
     /// Modules that are heard again by it.
     pub(super) returned: Vec<String>,
     /// Modules that are heard by it, and were not before.
     heard: Vec<String>,
-}
-
-/// How a line is.
-#[derive(Clone, Debug)]
-pub(crate) struct LineNow {
-    /// Which line it is while it is open.
-    pub(crate) id: Option<LineId>,
-    pub(crate) state: LineState,
-    pub(crate) babble: bool,
-    /// How much of its time is taken.
-    pub(crate) busy: Busy,
-    /// Somebody else has it for a while.
-    pub(crate) lent: bool,
-    /// Why nothing can be known over it, as it was last told of its points.
-    pub(super) told: Option<Reason>,
-    /// When its clock began, in the time of the site: values grow old without it, too.
-    pub(crate) began: Micros,
-    /// The names of its modules, by their numbers on the line; empty for those that left.
-    pub(crate) modules: Vec<String>,
-}
-
-impl LineNow {
-    pub(crate) fn new(config: &Config, line: &str) -> LineNow {
-        LineNow {
-            id: None,
-            state: LineState::Opening,
-            babble: false,
-            busy: Busy::default(),
-            lent: false,
-            told: None,
-            began: Micros::ZERO,
-            modules: config
-                .modules_of(line)
-                .map(|(name, _)| name.clone())
-                .collect(),
-        }
-    }
-}
-
-impl LineNow {
-    /// Why nothing can be known over it now. One that is only just being opened may have nothing
-    /// to tell yet, but is no fault.
-    pub(super) fn fault(&self) -> Option<Reason> {
-        match &self.state {
-            _ if self.lent => Some(Reason::Exclusive),
-            LineState::Up | LineState::Opening => None,
-            LineState::Absent(why) => Some(match **why {
-                PortError::Busy { .. } => Reason::LineBusy,
-                PortError::Exclusive => Reason::Exclusive,
-                _ => Reason::LineAbsent,
-            }),
-            LineState::Closed => Some(Reason::LineClosed),
-        }
-    }
 }
 
 impl State {
@@ -126,6 +79,10 @@ impl State {
             stream: Stream::default(),
             polls,
             opening: BTreeSet::new(),
+            line_turns: LineTurns::default(),
+            lines_opened: 0,
+            newest_loan: 0,
+            is_closed: false,
             changed: Vec::new(),
             returned: Vec::new(),
             heard: Vec::new(),
@@ -138,19 +95,22 @@ impl State {
         let line = self.lines.get(line)?;
         let module = line.modules.iter().position(|name| name == module)?;
         Some(At {
-            line: line.id?,
+            line: line.open()?,
             module: ModuleId(module),
         })
     }
 
     /// Whether there is a module at this place still.
     pub(super) fn has(&self, at: At) -> bool {
-        let line = self.lines.values().find(|line| line.id == Some(at.line));
+        let line = self
+            .lines
+            .values()
+            .find(|line| line.open() == Some(at.line));
         let name = line.and_then(|line| line.modules.get(at.module.0));
         name.is_some_and(|name| !name.is_empty())
     }
 
-    /// Those who wait for a line to be opened look again.
+    /// Those who wait for a line to be opened or closed look again.
     pub(super) fn wake_opening(&mut self) {
         for task in std::mem::take(&mut self.opening) {
             self.runs.wake(task);
@@ -314,7 +274,7 @@ impl State {
         };
         let event = match event {
             // What the line's task says at its end does not matter any more.
-            LineEvent::State(_) if known.lent => return Vec::new(),
+            LineEvent::State(_) if known.lent.is_some() && known.is_closing => return Vec::new(),
             LineEvent::State(state) => {
                 known.state = state.clone();
                 if *state == LineState::Up {
@@ -415,8 +375,8 @@ impl State {
     /// has written and then reads, reads what was written.
     pub(super) fn observe(&mut self, id: LineId, line: &str, event: &LineEvent) {
         let known = self.lines.get(line).and_then(|line| line.id);
-        if known.is_some_and(|known| known != id) {
-            // Of a line that was opened anew since.
+        if known != Some(id) {
+            // Of a line that was closed since.
             return;
         }
         let updates = self.apply(line, event, self.now.site);
@@ -438,43 +398,21 @@ impl State {
         }
     }
 
-    /// What was promised of boards that have another name or none now; told once.
-    pub(crate) fn take_dropped(&mut self) -> Vec<(Key, Board)> {
-        self.schedule.take_dropped()
-    }
-
     /// These are due now.
-    pub(crate) fn hasten(&mut self, numbers: &[u64]) {
+    pub(super) fn hasten(&mut self, numbers: &[u64]) {
         for number in numbers {
             self.schedule.hasten(*number, self.now.site);
         }
     }
 
-    /// What of these could not be done to its board, and the longest times of these outputs, are
-    /// not done to those that have their names from now on; [`State::take_dropped`] says so.
-    pub(crate) fn drop_of(
-        &mut self,
-        boards: &Boards,
-        left: &[u64],
-        is_other: impl Fn(&Place) -> bool,
-    ) {
-        let limits = self.schedule.limits(is_other).into_iter();
-        let limits = limits.filter_map(|key| Some(self.schedule.find(&key)?.0));
-        let numbers: Vec<u64> = left.iter().copied().chain(limits).collect();
-        for number in numbers {
-            self.schedule.drop_of(boards, number);
-        }
-    }
-
     /// There is another configuration. What is known of the modules that are kept stays known;
     /// `is_other` are those whose name stands for another board now.
-    pub(crate) fn reconfigure(
+    pub(super) fn reconfigure(
         &mut self,
-        config: impl Into<Arc<Config>>,
+        config: Arc<Config>,
         keep: impl Fn(&str) -> bool,
         is_other: impl Fn(&str) -> bool,
     ) {
-        let config = config.into();
         self.schedule.now_of(boards(&config));
         self.site.reconfigure(config, &keep);
         self.health.retain(|module, _| keep(module));
@@ -487,7 +425,7 @@ impl State {
 
     /// Somebody else had these modules, who may have done anything, and the clock of their line
     /// begins anew.
-    pub(crate) fn come_back(&mut self, of: impl Fn(&str) -> bool) {
+    pub(super) fn come_back(&mut self, of: impl Fn(&str) -> bool) {
         self.site.forget(&of);
         self.guard.forget_doubts(&of);
         self.may_have_gone_off(of, self.now.site);
@@ -531,7 +469,7 @@ impl State {
     }
 
     /// Of the outputs of these that may be on for so long only, and are: how long yet.
-    pub(crate) fn limits(&self, of: impl Fn(&Place) -> bool) -> Vec<(Duration, Place)> {
+    pub(super) fn limits(&self, of: impl Fn(&Place) -> bool) -> Vec<(Duration, Place)> {
         let limits = self.schedule.limits(of).into_iter();
         limits
             .filter_map(|key| Some((self.time_to(&key)?, key.0)))

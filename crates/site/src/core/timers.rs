@@ -347,7 +347,7 @@ impl Context {
     /// Ends the pulses and leases of these outputs now, as far as that can be in a moment: of those
     /// whose turn comes within this time. Nobody commands them until the turns are dropped. The
     /// others, and those that could not be ended, come back.
-    pub(crate) async fn end_now(
+    pub(super) async fn end_now(
         &self,
         of: impl Fn(&Place) -> bool,
         patience: Micros,
@@ -443,7 +443,7 @@ impl Context {
 
     /// There is another configuration: outputs that are on are limited as it says. Gives back those
     /// that were, and are not any more.
-    pub(crate) fn limit_anew(&self) -> Vec<Place> {
+    pub(super) fn limit_anew(&self) -> Vec<Place> {
         let (limited, dropped) = self.with(|state| {
             let on = |place: &Place| {
                 let (known, _) = state.site.point(&place.module, place.point, Instant(0));

@@ -7,10 +7,12 @@
 
 use super::At;
 use super::context::{Context, TaskId};
+use super::reload::same_board;
 use crate::config::Place;
 use railbus_host::Fault;
 use railbus_wire::Micros;
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 
 /// How many commands may wait for one output.
 pub(super) const WAITING_MAX: usize = 64;
@@ -138,16 +140,18 @@ impl Context {
     /// Waits for the turn with these outputs, at most until then.
     ///
     /// # Errors
-    /// [`Fault::Overloaded`] where too many wait already; [`Fault::Expired`]. Nothing was sent.
+    /// [`Fault::Overloaded`] where too many wait already; [`Fault::Expired`]; [`Fault::Closed`] if
+    /// the name of a module became that of another board meanwhile. Nothing was sent.
     pub(super) async fn turn(
         &self,
         places: impl IntoIterator<Item = Place>,
         until: Micros,
     ) -> Result<Turn, Fault> {
         let places: BTreeSet<Place> = places.into_iter().collect();
-        let is_full = self.with(|state| {
+        let (is_full, config) = self.with(|state| {
             let is_full = |place| state.turns.waiting_for(place) >= WAITING_MAX;
-            places.iter().any(is_full)
+            let is_full = places.iter().any(is_full);
+            (is_full, Arc::clone(state.site.config()))
         });
         if is_full {
             return Err(Fault::Overloaded);
@@ -155,7 +159,14 @@ impl Context {
         let turn = self.queue(places.clone(), false);
         let comes = self.wait(|state| state.turns.has_come(turn.number).then_some(()));
         match self.until(until, comes).await {
-            Some(()) => Ok(turn.comes(&places)),
+            Some(()) => {
+                let is_same = self.with(|state| {
+                    let now = state.site.config();
+                    let mut modules = places.iter().map(|place| &place.module);
+                    modules.all(|module| same_board(&config, now, module))
+                });
+                is_same.then(|| turn.comes(&places)).ok_or(Fault::Closed)
+            }
             None => Err(Fault::Expired),
         }
     }

@@ -1,9 +1,9 @@
 //! The core's driver: one lock, the clock, and what does what the core says.
 
-use super::{Driven, Inner, Update, lock, promise_file};
-use crate::core::{Core, Input, Now, Output, Reply, RequestId, State};
-use railbus_host::{Fault, Line, Terms};
-use railbus_wire::Micros;
+use super::{Driven, Inner, lock, prepare, promise_file};
+use crate::core::{Core, Input, LineId, Now, Output, Reply, RequestId, State};
+use railbus_host::{Fault, Line, LineConfig, PortError, Terms};
+use railbus_wire::{Instant, Micros};
 use std::sync::{Arc, Weak};
 use std::time::{Duration, SystemTime};
 use tokio::sync::Notify;
@@ -53,16 +53,31 @@ impl Inner {
     /// The line's handle, where it is open.
     pub(super) fn handle(&self, line: &str) -> Option<Line> {
         let mut driven = lock(&self.driven);
-        let id = driven.core.state(self.now()).lines.get(line)?.id?;
+        let id = driven.core.state(self.now()).lines.get(line)?.open()?;
         driven.lines.get(&id).cloned()
     }
 
-    /// Takes a line's handle out: commands that come from now on find none.
-    pub(super) fn take_line(&self, line: &str) -> Option<Line> {
-        let mut driven = lock(&self.driven);
-        let known = driven.core.state(self.now()).lines.get_mut(line);
-        let id = known?.id.take()?;
-        driven.lines.remove(&id)
+    /// Opens a line whose events the core handles before anyone else. Gives back when its clock
+    /// began, in the time of the site.
+    pub(super) fn open(
+        self: &Arc<Inner>,
+        driven: &mut Driven,
+        (name, id): (&str, LineId),
+        mut config: LineConfig,
+    ) -> Result<Micros, PortError> {
+        let (inner, line) = (Arc::downgrade(self), name.to_owned());
+        config.observer = Some(Box::new(move |event| {
+            // The task outlives the site only while it closes its port.
+            if let Some(inner) = inner.upgrade() {
+                inner.drive(|core, now| core.handle(now, Input::Line(id, &line, event)));
+            }
+        }));
+        let _entered = self.runtime.enter();
+        let opened = Line::open(config)?;
+        // In this order: a reading never seems newer than it is.
+        let began = self.now().site - opened.now().since(Instant(0));
+        driven.lines.insert(id, opened);
+        Ok(began)
     }
 
     pub(super) fn now(&self) -> Now {
@@ -80,7 +95,7 @@ impl Inner {
 
     /// Changes what is known, as one step.
     pub(super) fn change<T>(self: &Arc<Inner>, change: impl FnOnce(&mut State) -> T) -> T {
-        self.drive(|core, now| core.change(now, |context| context.with(change)))
+        self.drive(|core, now| core.change(now, change))
     }
 
     /// Lets the core take a step, and does what it says.
@@ -155,6 +170,35 @@ impl Inner {
                     inner.done(request, Reply::Ended);
                 })
             }
+            Output::Open { line, id, config } => {
+                // A configuration that was read has no line that can't be.
+                let prepared = prepare(&config, &line, self.polls).map_err(|_| PortError::Refused);
+                let opened = prepared.and_then(|config| self.open(driven, (&line, id), config));
+                let input = Input::Opened(&line, id, opened);
+                driven.core.handle(self.now(), input);
+            }
+            Output::Close(id) => self.close(driven.lines.remove(&id), id),
+            Output::Change {
+                request,
+                line,
+                change,
+            } => {
+                let line = driven.lines.get(&line).cloned();
+                self.runtime.spawn(async move {
+                    if let Some(line) = line {
+                        // Fails where the whole site is being closed.
+                        let _ = line.change(change).await;
+                    }
+                    inner.done(request, Reply::Changed);
+                });
+            }
+            Output::Store { request, store } => {
+                self.runtime.spawn(async move {
+                    let stored = store.0.await;
+                    inner.done(request, Reply::Stored(stored));
+                });
+            }
+            Output::Event(event) => self.tell_event(*event),
             Output::Keep(promises) => match self.folder.clone() {
                 None => driven.core.handle(self.now(), Input::Kept(Ok(()))),
                 Some(folder) => {
@@ -170,12 +214,18 @@ impl Inner {
         }
     }
 
-    fn done(self: &Arc<Inner>, request: RequestId, reply: Reply) {
-        self.drive(|core, now| core.handle(now, Input::Done(request, reply)));
+    /// Closes the port of a line, whose commands in progress get a second to end.
+    fn close(self: &Arc<Inner>, line: Option<Line>, id: LineId) {
+        let inner = Arc::clone(self);
+        self.runtime.spawn(async move {
+            if let Some(line) = line {
+                line.close().await;
+            }
+            inner.drive(|core, now| core.handle(now, Input::Closed(id)));
+        });
     }
 
-    /// Tells it as the core does.
-    pub(super) fn tell(self: &Arc<Inner>, update: Update) {
-        self.change(|state| state.publish(update));
+    fn done(self: &Arc<Inner>, request: RequestId, reply: Reply) {
+        self.drive(|core, now| core.handle(now, Input::Done(request, reply)));
     }
 }

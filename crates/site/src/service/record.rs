@@ -2,7 +2,7 @@
 //! point.
 
 use super::{Follower, Inner, LineStatus, PointStatus, Service};
-use crate::core::{Begun, News, State, Why};
+use crate::core::{Begun, News, State};
 use crate::{Failure, Quality, Rights, Value};
 use railbus_device::Point;
 use railbus_host::{LineState, Presence};
@@ -96,15 +96,7 @@ impl Service {
     /// more: the names of their modules stand for other boards now, or for none. To be called
     /// once somebody listens; a reload tells its own.
     pub fn tell_dropped_ends(&self) {
-        for ((place, why), board) in self.inner.read(State::take_dropped) {
-            if why == Why::MinOff {
-                continue;
-            }
-            let output = u16::from(place.point.index) + 1;
-            let event = Event::new(EventKind::System, Severity::Error, "end_dropped");
-            let event = event.module(&place.module).line(&board.line);
-            self.tell_event(event.text(format!("address {}, output {output}", board.address)));
-        }
+        self.inner.change(State::tell_dropped_ends);
     }
 
     /// What happens from now on.

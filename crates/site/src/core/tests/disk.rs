@@ -165,9 +165,10 @@ fn the_end_of_another_boards_pulse_is_told_and_not_done() {
     world.kill();
     world.become_other(&TEXT.replace("address = 3", "address = 4"));
     world.start();
+    world.move_by_hand("oven", bit(1));
     world.pass(ms(100_000));
     assert_eq!(world.relays("oven"), bit(1), "it is not its output");
-    let dropped = world.state().take_dropped();
+    let dropped = world.state().schedule.take_dropped();
     assert_eq!(dropped.len(), 1);
     assert_eq!(dropped[0].0, (at("oven", 1), Why::Pulse));
 }

@@ -394,7 +394,9 @@ fn what_may_be_commanded_is_asked_again_in_its_turn() {
     let pulse = world.pulse("li", ("oven", 1), pulse(100));
     let text = format!("{TEXT}[module.oven.point]\nk1.confirm = true\n");
     let config = Config::parse(&text).unwrap();
-    world.state().reconfigure(config, |_| true, |_| false);
+    world
+        .state()
+        .reconfigure(Arc::new(config), |_| true, |_| false);
     world.pass(ms(1_000));
     assert!(first.get().is_some());
     let asked = Failure::Confirm(super::world::k(1));

@@ -539,12 +539,12 @@ impl Soak {
             }
             if self.dice.one_in(80) {
                 gone = !gone;
-                self.world.unplug(0, gone);
+                self.world.unplug("/dev/ttyS9", gone);
             }
             self.forget();
         }
         self.world.faults = Faults::default();
-        self.world.unplug(0, false);
+        self.world.unplug("/dev/ttyS9", false);
         for module in MODULES {
             self.world.dead(module, false);
         }

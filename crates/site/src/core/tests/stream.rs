@@ -141,14 +141,14 @@ fn what_becomes_of_a_line_is_told_of_its_points() {
     let now = world.time();
     let lend = |world: &mut World, lent| {
         let core = world.core.as_mut().unwrap();
-        core.change(now, |context| {
-            context.with(|state| state.lines.get_mut("main").unwrap().lent = lent);
+        core.change(now, |state| {
+            state.lines.get_mut("main").unwrap().lent = lent
         });
         world.pass(Micros(0));
         told(world)
     };
-    assert_eq!(lend(&mut world, true), bad(Reason::Exclusive));
-    assert_eq!(lend(&mut world, false), [Quality::Good]);
+    assert_eq!(lend(&mut world, Some(LoanId(1))), bad(Reason::Exclusive));
+    assert_eq!(lend(&mut world, None), [Quality::Good]);
 }
 
 #[test]
@@ -160,8 +160,8 @@ fn another_age_limit_counts_from_the_reload_on() {
     let now = world.time();
     let core = world.core.as_mut().unwrap();
     let strict = Config::parse(&TEXT.replace("2s", "500ms")).unwrap();
-    core.change(now, |context| {
-        context.with(|state| state.reconfigure(strict, |_| true, |_| false));
+    core.change(now, |state| {
+        state.reconfigure(Arc::new(strict), |_| true, |_| false);
     });
     world.pass(Micros(0));
     assert_eq!(told(&mut world), [Quality::Stale]);
@@ -326,17 +326,10 @@ fn the_stream_tells_of_quality_ends_modules_and_lines() {
 fn another_configuration_is_another_picture() {
     let mut world = oven();
     follow(&mut world);
-    let now = world.time();
-    let core = world.core.as_mut().unwrap();
     let more = format!("{TEXT}[module.gate]\nline = \"main\"\nmodel = \"r55\"\naddress = 4\n");
-    let more = Config::parse(&more).unwrap();
-    core.change(now, |context| {
-        context.with(|state| {
-            state.reconfigure(more, |_| true, |_| false);
-            state.publish(Update::Reloaded);
-        });
-    });
-    world.pass(Micros(0));
+    let reloaded = world.reload(&more, true);
+    world.pass(ms(100));
+    assert!(reloaded.now().is_some());
     let pictures: Vec<_> = world
         .news
         .iter()

@@ -1,13 +1,18 @@
 //! Everything around a core, in virtual time: modules whose relays are known, a line that does one
 //! thing at a time, a disk and an audit log that may refuse. What is random comes from a seed.
 
+mod lines;
+
 use super::super::*;
 pub(super) use super::chance::{Dice, Faults};
 use crate::Failure;
-use railbus_device::{Bank, Observation, Point, PointKind};
-use railbus_host::{Confirmed, Done, Event, Evidence, Fault, LineState, Presence};
+use crate::service::lock;
+pub(super) use lines::Seat;
+use lines::{Board, Wire};
+use railbus_device::{Bank, Point, PointKind};
+use railbus_host::{Fault, LineState};
 use railbus_store::history::{Event as Told, EventKind, Severity};
-use railbus_wire::{Channel, Instant};
+use railbus_wire::Channel;
 use std::collections::VecDeque;
 use std::sync::Mutex;
 use std::time::Duration;
@@ -16,7 +21,9 @@ use std::time::Duration;
 #[derive(Clone, Debug)]
 pub(super) struct Acted {
     pub(super) at: Micros,
+    /// The name that it has on its line.
     pub(super) module: String,
+    pub(super) seat: Seat,
     pub(super) set: Bank,
     /// What it found.
     pub(super) before: u32,
@@ -41,16 +48,13 @@ enum Due {
     Begun(RequestId, usize),
     Ended(RequestId, usize, &'static str),
     Kept(Vec<Kept>, Result<(), ErrorKind>),
+    /// A line finds its port, or finds it gone.
+    Finds(LineId),
+    Closed(LineId),
+    Changed(RequestId, LineId, ModuleChanges),
+    Stored(RequestId, Store),
     /// All modules are asked.
     Poll,
-}
-
-struct Module {
-    at: At,
-    relays: u32,
-    is_dead: bool,
-    is_silent: bool,
-    welded: u32,
 }
 
 /// Called with what a procedure ended with.
@@ -72,16 +76,16 @@ impl<T: Clone> End<T> {
 
 pub(super) struct World {
     pub(super) core: Option<Core>,
-    config: Config,
+    /// The configuration that the next start finds.
+    pub(super) file: Arc<Mutex<Config>>,
     pub(super) now: Micros,
     /// When the process was started.
     booted: Micros,
     clock: Arc<Mutex<Micros>>,
     due: BTreeMap<(Micros, u64), Due>,
     newest: u64,
-    modules: BTreeMap<String, Module>,
-    /// By line: until when it is busy.
-    busy: BTreeMap<LineId, Micros>,
+    boards: BTreeMap<Seat, Board>,
+    lines: BTreeMap<LineId, Wire>,
     pub(super) dice: Dice,
     pub(super) faults: Faults,
     pub(super) acted: Vec<Acted>,
@@ -96,14 +100,17 @@ pub(super) struct World {
     pub(super) news: Vec<News>,
     /// Writes are acknowledged, and the outputs not read after them.
     pub(super) only_acknowledged: bool,
-    /// Lines whose port is gone.
-    down: BTreeSet<LineId>,
+    /// Ports that are gone.
+    down: BTreeSet<String>,
+    pub(super) events: Vec<Told>,
     /// The modules are read again and again.
     pub(super) polls: bool,
     /// The clock on the wall is so much behind.
     pub(super) wall_behind: Micros,
     /// How long each write of the disk takes, where that is not left to chance.
     pub(super) disk_takes: Option<Micros>,
+    /// The same of the audit log before a command.
+    pub(super) audit_takes: Option<Micros>,
 }
 
 pub(super) const fn ms(millis: u64) -> Micros {
@@ -114,17 +121,17 @@ const POLL_EVERY: Micros = ms(250);
 
 impl World {
     pub(super) fn new(text: &str, seed: u64) -> World {
-        let config = Config::parse(text).unwrap();
+        let file = Arc::new(Mutex::new(Config::parse(text).unwrap()));
         let mut world = World {
             core: None,
-            config,
+            file,
             now: Micros::ZERO,
             booted: Micros::ZERO,
             clock: Arc::default(),
             due: BTreeMap::new(),
             newest: 0,
-            modules: BTreeMap::new(),
-            busy: BTreeMap::new(),
+            boards: BTreeMap::new(),
+            lines: BTreeMap::new(),
             dice: Dice::new(seed),
             faults: Faults::default(),
             acted: Vec::new(),
@@ -136,9 +143,11 @@ impl World {
             news: Vec::new(),
             only_acknowledged: false,
             down: BTreeSet::new(),
+            events: Vec::new(),
             polls: true,
             wall_behind: Micros::ZERO,
             disk_takes: None,
+            audit_takes: None,
         };
         world.start();
         world
@@ -148,70 +157,57 @@ impl World {
     pub(super) fn start(&mut self) {
         self.booted = self.now;
         let now = self.time();
-        let mut core = Core::new(now, self.config.clone(), true, self.disk.clone());
-        for (number, line) in self.config.lines.keys().enumerate() {
-            let id = LineId(number as u64);
-            core.handle(now, Input::Opened(line, id, now.site));
-            for (index, (name, _)) in self.config.modules_of(line).enumerate() {
-                let at = At {
-                    line: id,
-                    module: ModuleId(index),
-                };
-                let module = self.modules.entry(name.clone()).or_insert(Module {
-                    at,
-                    relays: 0,
-                    is_dead: false,
-                    is_silent: true,
-                    welded: 0,
-                });
-                module.is_silent = true;
-            }
-            let up = LineEvent::State(LineState::Up);
-            core.handle(now, Input::Line(id, line, &up));
+        let config = lock(&self.file).clone();
+        let names: Vec<String> = config.lines.keys().cloned().collect();
+        self.core = Some(Core::new(now, config.clone(), true, self.disk.clone()));
+        for name in names {
+            let id = self.state().line_opens(&name).unwrap();
+            self.plug(&name, id, &config);
+            self.tell(Input::Opened(&name, id, Ok(now.site)));
+            self.line_is(id, LineState::Up);
         }
-        core.take_up(now);
-        self.core = Some(core);
+        self.core.as_mut().unwrap().take_up(now);
         self.add(Micros(1), Due::Poll);
         self.drain();
     }
 
     /// The next start finds another configuration.
     pub(super) fn become_other(&mut self, text: &str) {
-        self.config = Config::parse(text).unwrap();
+        *lock(&self.file) = Config::parse(text).unwrap();
     }
 
-    /// Another board gets the name of a module, and what was promised of it is dropped, as a
-    /// reload leaves it that could not wait any longer. The board itself stays as it is.
-    pub(super) fn exchange(&mut self, module: &str) {
-        let config = Arc::clone(self.state().site.config());
-        let now = self.time();
-        let core = self.core.as_mut().unwrap();
-        let at = core.change(now, |context| {
-            context.with(|state| {
-                let left = state.schedule.held(|place| place.module == module);
-                let left: Vec<u64> = left.into_iter().map(|(number, ..)| number).collect();
-                state.drop_of(&boards(&config), &left, |place| place.module == module);
-                for line in state.lines.values_mut() {
-                    if let Some(slot) = line.modules.iter_mut().find(|slot| *slot == module) {
-                        slot.clear();
-                        line.modules.push(module.to_owned());
-                    }
-                }
-                state.reconfigure(config, |other| other != module, |other| other == module);
-                state.at(module).unwrap()
-            })
-        });
-        let board = Module {
-            at,
-            relays: 0,
-            is_dead: false,
-            is_silent: true,
-            welded: 0,
-        };
-        let before = self.modules.insert(module.to_owned(), board);
-        self.modules
-            .insert(format!("{module} before"), before.unwrap());
-        self.drain();
+    /// Takes another configuration, which is written if the disk does not refuse it.
+    pub(super) fn reload(&mut self, text: &str, is_written: bool) -> End<Option<Reloaded>> {
+        let config = Config::parse(text).unwrap();
+        let (file, written) = (Arc::clone(&self.file), config.clone());
+        let store = Store(Box::pin(async move {
+            if is_written {
+                *lock(&file) = written;
+            }
+            is_written
+        }));
+        self.order(move |core| async move { core.reload(config, Some(store)).await })
+    }
+
+    /// Exclusive access to a line.
+    pub(super) fn lend(&mut self, line: &str) -> End<Result<Exclusive, Failure>> {
+        let line = line.to_owned();
+        self.order(move |core| async move { core.lend_line(&line).await })
+    }
+
+    /// The holder is gone, or has finished, and the file is as it says by now.
+    pub(super) fn give_back(&mut self, line: &str, loan: LoanId, text: Option<&str>) -> End<()> {
+        let line = line.to_owned();
+        let config = text.map(|text| Config::parse(text).unwrap());
+        if let Some(config) = &config {
+            *lock(&self.file) = config.clone();
+        }
+        self.order(move |core| async move { core.give_back(&line, loan, config).await })
+    }
+
+    /// Ends the site.
+    pub(super) fn close(&mut self) -> End<()> {
+        self.order(|core| async move { core.close_site().await })
     }
 
     /// The process is killed. Frames that are on their way may still be obeyed.
@@ -227,7 +223,7 @@ impl World {
                 _ => {}
             }
         }
-        self.busy.clear();
+        self.lines.clear();
         self.down.clear();
     }
 
@@ -360,6 +356,15 @@ impl World {
                 }
                 self.tell(Input::Kept(end));
             }
+            Due::Finds(line) => self.finds(line),
+            Due::Closed(line) => self.has_closed(line),
+            Due::Changed(request, line, change) => self.has_changed(request, line, change),
+            Due::Stored(request, Store(mut write)) => {
+                let mut noop = std::task::Context::from_waker(Waker::noop());
+                let written = write.as_mut().poll(&mut noop);
+                let stored = written == std::task::Poll::Ready(true);
+                self.tell(Input::Done(request, Reply::Stored(stored)));
+            }
             Due::Poll => {
                 if self.polls {
                     self.poll();
@@ -403,7 +408,8 @@ impl World {
                         began: self.now,
                         ended: None,
                     });
-                    let after = ms(self.dice.between(1, 3));
+                    let by_chance = ms(self.dice.between(1, 3));
+                    let after = self.audit_takes.unwrap_or(by_chance);
                     self.add(after, Due::Begun(request, entry));
                 }
                 Output::End {
@@ -428,6 +434,22 @@ impl World {
                     let after = self.disk_takes.unwrap_or(by_chance);
                     self.add(after, Due::Kept(kept, end));
                 }
+                Output::Open { line, id, config } => self.opens(&line, id, &config),
+                Output::Close(id) => self.closes(id),
+                Output::Change {
+                    request,
+                    line,
+                    change,
+                } => {
+                    let after = ms(self.dice.between(0, 5));
+                    self.add(after, Due::Changed(request, line, change));
+                }
+                Output::Store { request, store } => {
+                    let by_chance = ms(self.dice.between(1, 8));
+                    let after = self.disk_takes.unwrap_or(by_chance);
+                    self.add(after, Due::Stored(request, store));
+                }
+                Output::Event(event) => self.events.push(*event),
                 Output::News(news) => self.news.push(news),
                 Output::Publish(update) => {
                     self.updates.push_back(update);
@@ -437,216 +459,6 @@ impl World {
                 }
             }
         }
-    }
-
-    /// A line does one thing after the other.
-    fn run(&mut self, request: RequestId, at: At, op: Op, expires: Micros) {
-        let now = self.now;
-        if self.down.contains(&at.line) {
-            let end = Err(Fault::Closed);
-            return self.add(ms(0), Due::Ran(request, at, op, end, ms(0)));
-        }
-        let free = self
-            .busy
-            .get(&at.line)
-            .copied()
-            .unwrap_or_default()
-            .max(now);
-        if free > expires {
-            let end = Err(Fault::Expired);
-            return self.add(free - now, Due::Ran(request, at, op, end, ms(0)));
-        }
-        let is_dead = self.module_at(at).is_some_and(|module| module.is_dead);
-        let lost = Fault::NoReply(Evidence::default());
-        let (mut end, took) = match &op {
-            _ if is_dead || self.dice.one_in(self.faults.request_lost) => (Err(lost), 100),
-            _ if self.dice.one_in(self.faults.refused) => {
-                (Err(Fault::Refused(railbus_host::Refusal::Invalid)), 20)
-            }
-            _ => (Ok(()), self.dice.between(20, 60)),
-        };
-        if matches!(op, Op::Write(_)) && end.is_ok() && self.dice.one_in(self.faults.reply_lost) {
-            // It is obeyed all the same.
-            self.add(free - now + ms(10), Due::Obeys(at, op));
-            end = Err(lost);
-        }
-        let ends = free + ms(took);
-        self.busy.insert(at.line, ends);
-        self.add(ends - now, Due::Ran(request, at, op, end, ms(took)));
-    }
-
-    fn module_at(&mut self, at: At) -> Option<&mut Module> {
-        self.modules.values_mut().find(|module| module.at == at)
-    }
-
-    fn name_at(&self, at: At) -> String {
-        let found = self.modules.iter().find(|(_, module)| module.at == at);
-        found.map(|(name, _)| name.clone()).unwrap_or_default()
-    }
-
-    fn obey(&mut self, at: At, op: &Op) {
-        let (Op::Write(bank) | Op::WriteSilent(bank), name) = (op, self.name_at(at)) else {
-            return;
-        };
-        let now = self.now;
-        let Some(module) = self.modules.get_mut(&name) else {
-            return;
-        };
-        let before = module.relays;
-        let moves = bank.mask & !module.welded;
-        module.relays = before & !moves | bank.on & moves;
-        self.acted.push(Acted {
-            at: now,
-            module: name,
-            set: *bank,
-            before,
-        });
-    }
-
-    fn ran(&mut self, request: RequestId, at: At, op: Op, end: Result<(), Fault>, took: Micros) {
-        let name = self.name_at(at);
-        let end = end.map(|()| {
-            self.obey(at, &op);
-            let relays = self.modules[&name].relays;
-            let unread = match op {
-                Op::WriteSilent(_) => Some(Confirmed::Sent),
-                Op::Write(_) if self.only_acknowledged => Some(Confirmed::Reply),
-                _ => None,
-            };
-            if let Some(confirmed) = unread {
-                let seen = None;
-                return Ok(Done {
-                    confirmed,
-                    took,
-                    seen,
-                });
-            }
-            let seen = seen(relays);
-            self.saw(at, &op, seen);
-            let confirmed = match op {
-                Op::Write(bank) if relays & bank.mask != bank.on => return Err(Fault::NotVerified),
-                _ => Confirmed::Readback,
-            };
-            Ok(Done {
-                confirmed,
-                took,
-                seen: Some(seen),
-            })
-        });
-        self.tell(Input::Done(request, Reply::Ran(end.and_then(|end| end))));
-    }
-
-    /// A reading comes in that began then.
-    pub(super) fn reads(&mut self, module: &str, relays: u32, asked: Micros) {
-        let at = self.modules[module].at;
-        self.saw_since(at, &Op::ReadOutputs, seen(relays), asked);
-    }
-
-    pub(super) fn saw(&mut self, at: At, op: &Op, seen: Observation) {
-        self.saw_since(at, op, seen, self.now);
-    }
-
-    pub(super) fn saw_since(&mut self, at: At, op: &Op, seen: Observation, asked: Micros) {
-        let time = |at: Micros| Instant(0) + (at - self.booted);
-        let event = LineEvent::Bus(Event::Seen {
-            module: at.module,
-            op: *op,
-            seen,
-            asked: time(asked),
-            heard: time(self.now),
-        });
-        self.line(at, &event);
-    }
-
-    pub(super) fn line(&mut self, at: At, event: &LineEvent) {
-        let line = self.config.lines.keys().nth(at.line.0 as usize).unwrap();
-        let line = line.clone();
-        self.tell(Input::Line(at.line, &line, event));
-    }
-
-    /// Every module says how it is, if it can.
-    fn poll(&mut self) {
-        let names: Vec<String> = self.modules.keys().cloned().collect();
-        for name in names {
-            let module = self.modules.get_mut(&name).unwrap();
-            let (at, relays) = (module.at, module.relays);
-            if self.down.contains(&at.line) {
-                continue;
-            }
-            if std::mem::replace(&mut module.is_silent, module.is_dead) != module.is_dead {
-                let presence = match module.is_dead {
-                    true => Presence::Silent,
-                    false => Presence::Online,
-                };
-                let module = at.module;
-                self.line(at, &LineEvent::Bus(Event::Presence { module, presence }));
-            }
-            if !self.modules[&name].is_dead {
-                self.saw(at, &Op::ReadOutputs, seen(relays));
-            }
-        }
-    }
-
-    /// The relays of a module, bit by bit.
-    pub(super) fn relays(&self, module: &str) -> u32 {
-        self.modules[module].relays
-    }
-
-    /// The port of a line goes, or comes back. What is under way is cut short.
-    pub(super) fn unplug(&mut self, number: u64, is_gone: bool) {
-        let line = LineId(number);
-        if !is_gone {
-            self.down.remove(&line);
-            return self.line_is(line, LineState::Up);
-        }
-        self.down.insert(line);
-        let is_of = |_: &(Micros, u64), due: &mut Due| match due {
-            Due::Ran(_, at, ..) | Due::Obeys(at, _) => at.line == line,
-            _ => false,
-        };
-        let cut: Vec<Due> = self.due.extract_if(.., is_of).map(|(_, due)| due).collect();
-        for due in cut {
-            let (at, op, request) = match due {
-                Due::Ran(request, at, op, end, _) => (at, op, Some((request, end.is_ok()))),
-                Due::Obeys(at, op) => (at, op, None),
-                _ => continue,
-            };
-            if request.is_none_or(|(_, is_ok)| is_ok) && self.dice.one_in(2) {
-                self.obey(at, &op);
-            }
-            if let Some((request, _)) = request {
-                self.tell(Input::Done(request, Reply::Ran(Err(Fault::Unknown))));
-            }
-        }
-        let gone = Arc::new(railbus_host::PortError::Gone);
-        self.line_is(line, LineState::Absent(gone));
-    }
-
-    fn line_is(&mut self, line: LineId, state: LineState) {
-        let module = ModuleId(0);
-        self.line(At { line, module }, &LineEvent::State(state));
-    }
-
-    /// The lines are busy for so long.
-    pub(super) fn hold_line(&mut self, time: Micros) {
-        for number in 0..self.config.lines.len() {
-            self.busy.insert(LineId(number as u64), self.now + time);
-        }
-    }
-
-    /// Moves relays by hand.
-    pub(super) fn move_by_hand(&mut self, module: &str, relays: u32) {
-        self.modules.get_mut(module).unwrap().relays = relays;
-    }
-
-    /// Switches a module off its line, or on again.
-    pub(super) fn dead(&mut self, module: &str, is_dead: bool) {
-        self.modules.get_mut(module).unwrap().is_dead = is_dead;
-    }
-
-    /// Welds relays as they are.
-    pub(super) fn weld(&mut self, module: &str, relays: u32) {
-        self.modules.get_mut(module).unwrap().welded = relays;
     }
 
     pub(super) fn state(&mut self) -> &mut State {
@@ -659,13 +471,6 @@ impl World {
         let each = self.log.iter();
         each.map(|entry| (&*entry.what, entry.ended.map(|(_, end)| end)))
             .collect()
-    }
-}
-
-fn seen(relays: u32) -> Observation {
-    Observation::Channels {
-        outputs: Bank::new(0xFF, relays),
-        inputs: Bank::default(),
     }
 }
 
