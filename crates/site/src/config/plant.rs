@@ -112,7 +112,7 @@ pub enum Signal {
     Value(i16),
     /// A digital level that is high, with periodic low pulses.
     Blink(Blink),
-    /// An analog value in hundredths that rises from the first to the second and falls back,
+    /// An analog value in hundredths that goes from the first to the second and back,
     /// periodically.
     Swing(Swing),
 }
