@@ -1,5 +1,5 @@
-//! What the codecs refuse, and why: one row for every check, so that a check that is taken out
-//! is missed by a row here. What they accept stands in `vectors.rs` and `roundtrip.rs`.
+//! What the codecs refuse, and why: one row for every check, so that removing a check fails a row
+//! here. What they accept is in `vectors.rs` and `roundtrip.rs`.
 
 use Malformed as M;
 use railbus_wire::*;
@@ -602,7 +602,7 @@ mod r55_frames {
         for (rx, why) in rows {
             refused(&rx, read.decode_response(&rx), why);
         }
-        // Only the address read is answered by whoever hears it [R55 §4.3].
+        // Only the address read is answered by any board that receives it [R55 §4.3].
         let everyone = Exchange::new(BROADCAST, Request::ReadAddress);
         let rx = sum(&[0x22, 7, 0x40, 0, 0, 0, 7]);
         taken(&rx, everyone.decode_response(&rx));
@@ -649,7 +649,7 @@ mod r55_frames {
     }
 }
 
-/// Where nothing is found, the reason is that of the first byte.
+/// If nothing is found, the reason is that of the first byte.
 #[test]
 fn a_search_that_fails_says_why() {
     let ask = Exchange::r55(Address(1), r55::Request::ReadState);

@@ -1,6 +1,6 @@
-//! Properties of the codecs: what is written is read back, in any pieces and with anything
-//! behind it; no bytes make them panic; and the ghost rule's `confusable` never says no where
-//! one frame answers two requests.
+//! Properties of the codecs: what is written is read back, in any pieces and with anything after
+//! it; no bytes make them panic; and the ghost rule's `confusable` never says no where one frame
+//! answers two requests.
 //!
 //! The two that matter most, reading back and telling apart, run over [`CASES`] cases per codec,
 //! the others over a quarter; `PROPTEST_CASES` overrides [`CASES`].
@@ -97,7 +97,7 @@ codec!(ascii_codec, ascii);
 codec!(lc02_codec, lc02);
 codec!(r55_codec, r55);
 
-/// Encoded and decoded, whole and in every beginning, request and reply.
+/// Encoded and decoded, whole and as every prefix, request and reply.
 fn round_trip(case: &Case, trailing: &[u8]) -> Result<(), TestCaseError> {
     let exchange = case.exchange();
     let request = case.request_bytes();
@@ -122,7 +122,8 @@ fn round_trip(case: &Case, trailing: &[u8]) -> Result<(), TestCaseError> {
     Ok(())
 }
 
-/// `response_len_max` is the length of a good reply, names apart, and 0 where nobody answers.
+/// `response_len_max` is the length of a good reply, except for names, and 0 where no reply is
+/// expected.
 fn length_known(case: &Case) -> Result<(), TestCaseError> {
     use ascii::Response as Ascii;
     let (len, most) = (case.reply_bytes().len(), case.exchange().response_len_max());
@@ -138,8 +139,8 @@ fn length_known(case: &Case) -> Result<(), TestCaseError> {
     Ok(())
 }
 
-/// `frame` is whole and right whatever follows it, and each beginning of it is a beginning that
-/// lacks no more than what is still to come.
+/// `frame` is whole and right whatever follows it, and each prefix of it is partial and lacks no
+/// more than what is still to come.
 fn whole_and_pieces(
     frame: &[u8],
     trailing: &[u8],
@@ -246,7 +247,7 @@ fn every_pair_told_apart(cases: impl Strategy<Value = Case>) {
     }
 }
 
-/// Modules that read at every byte see a command anywhere; a Modbus module only the whole.
+/// Modules that parse at every byte see a command anywhere; a Modbus module only the whole frame.
 fn command_seen(case: &Case, before: &[u8], after: &[u8]) -> Result<(), TestCaseError> {
     let protocol = case.exchange().protocol();
     let request = case.request_bytes();
@@ -269,7 +270,7 @@ fn different_protocols_are_never_confusable() {
     }
 }
 
-/// `confusable` must not say yes always either: other modules use the line meanwhile.
+/// `confusable` must not always say yes either: requests to other modules must remain possible.
 #[test]
 fn requests_to_other_modules_mostly_remain_possible() {
     let reads = |address| {

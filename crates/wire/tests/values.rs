@@ -1,5 +1,5 @@
-//! Numbers at the ends of their ranges, packed runs, frames that are full or lack something, and
-//! how values are shown.
+//! Numbers at the ends of their ranges, packed runs, frames that are full or incomplete, and how
+//! values are displayed.
 
 use railbus_wire::*;
 
@@ -86,7 +86,7 @@ fn values_are_shown() {
     assert_eq!(format!("{text:?}"), "\"9050\"");
 }
 
-/// What is for all modules at once is answered by none.
+/// A broadcast is answered by no module.
 #[test]
 fn broadcasts_expect_no_reply() {
     let ascii = |request| Exchange::ascii(Address(1), false, request);
@@ -158,7 +158,7 @@ fn exceptions_are_named_and_marked() {
     for (code, name) in names {
         assert_eq!(rtu::Exception(code).to_string(), name);
     }
-    // A function code with its top bit set already is answered by itself.
+    // A function code with its top bit already set is its own exception code.
     let mut frame = Frame::new();
     for code in [0x2B, 0xAB] {
         rtu::encode_exception(Address(1), code, rtu::Exception::FUNCTION, &mut frame);
@@ -166,7 +166,7 @@ fn exceptions_are_named_and_marked() {
     }
 }
 
-/// Times end at the ends of their range instead of going round.
+/// Times saturate instead of wrapping around.
 #[test]
 fn times_are_added_and_taken_away() {
     let (two, five) = (Micros(2), Micros(5));
@@ -200,7 +200,7 @@ fn times_are_added_and_taken_away() {
     );
 }
 
-/// What is missing of a binary reply is told exactly, from where its length is certain.
+/// How many bytes a binary reply lacks is exact, as soon as its length is certain.
 #[test]
 fn what_is_missing_is_told() {
     let coils = rtu::BitSpan::new(0, 16).unwrap();
@@ -231,7 +231,7 @@ fn what_is_missing_is_told() {
     }
 }
 
-/// Of a Modbus request too, as far as its beginning says how long it is.
+/// Also of a Modbus request, as soon as its first bytes give its length.
 #[test]
 fn what_is_missing_of_a_modbus_request_is_told() {
     let beginnings: [(&[u8], usize); 7] = [
@@ -249,7 +249,7 @@ fn what_is_missing_of_a_modbus_request_is_told() {
     }
 }
 
-/// A frame that is no request still names its module, where it arrived whole.
+/// A frame that is no request still names its module if it arrived whole.
 #[test]
 fn addresses_of_frames_that_are_no_requests() {
     let rules = |checksum| ascii::Rules {

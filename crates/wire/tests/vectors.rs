@@ -19,7 +19,7 @@ const FILES: [(Kind, &str, usize); 5] = [
     (Kind::Lcus, "lcus.json", 2),
 ];
 
-/// What a file's frames are of.
+/// The protocol of a file's frames.
 #[derive(Clone, Copy, PartialEq)]
 enum Kind {
     Rtu,

@@ -1,8 +1,8 @@
 //! Arbitrary valid exchanges with a reply that belongs to them.
 //!
-//! Addresses and data are drawn mostly from a few values that are known to be treacherous: two
-//! independent cases then often concern the same module, and data often look like checksums
-//! and end marks.
+//! Addresses and data are drawn mostly from a few values that are known to be ambiguous: two
+//! independent cases then often concern the same module, and data often look like checksums and end
+//! marks.
 
 use proptest::prelude::*;
 use proptest::sample::select;
