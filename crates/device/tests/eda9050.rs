@@ -70,7 +70,7 @@ fn identity() {
     }
 }
 
-/// [EDA9050 §1.4, §1.5] there is no input 7, whatever lies at it.
+/// [EDA9050 §1.4, §1.5] there is no input 7, whatever its level.
 #[test]
 fn inputs() {
     for protocol in PROTOCOLS {
@@ -92,7 +92,7 @@ fn inputs() {
             assert_eq!(module.ask(&ask), Some(raw));
         }
     }
-    // And a module that sends it is not believed.
+    // And a reply that contains it is rejected.
     let replies = [
         (Protocol::Ascii, b"!00FF00\r".to_vec()),
         (Protocol::Lc02, hex("6C 63 01 00 FF 00 0D")),
@@ -126,7 +126,7 @@ fn no_pulses() {
         &["01 05 01 0A", "01 05 00 0A", "01 06"],
     );
     is_silent_to(&mut module(Protocol::Rtu), &["01 10 0001 0001 02 010A"]);
-    // Switching on twice is switching on once: nothing is known that could say otherwise.
+    // Switching on twice is the same as once: the state is not known.
     let host = host(Protocol::Ascii);
     assert!(host.repeatable(&write(0xFF)));
     assert_eq!((host.on_online_op(), host.pulses()), (None, Some(0)));
@@ -231,7 +231,7 @@ fn modbus_is_out_of_band() {
         assert!(module.ask_rtu("01 01 0000 0008").is_some());
         module.power_cycle();
     }
-    // No line command gets there: configuration leaves the protocol alone.
+    // No command of the line reaches it: configuration leaves the protocol alone.
     for protocol in PROTOCOLS {
         let mut module = Bench::new(Setup { protocol, ..setup });
         module.op(Op::Configure(Change::Serial {

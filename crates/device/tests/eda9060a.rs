@@ -40,7 +40,7 @@ fn switch(channel: u8, on: bool) -> Op {
     Op::Write(Bank::one(Channel::new(channel).expect("it exists"), on))
 }
 
-/// When each relay was switched since this was last asked, and how.
+/// When each relay was switched since the last call, and how.
 fn switched(module: &mut Bench) -> Vec<(Instant, u8, bool)> {
     let effects = module.did().into_iter();
     let outputs = effects.filter_map(|(at, effect)| match effect {
@@ -140,7 +140,7 @@ fn the_led() {
             .collect();
         let blinks = (0..7).map(|half| (500 * half, Effect::Led(half % 2 == 0)));
         assert_eq!(led, blinks.collect::<Vec<_>>());
-        // What happens meanwhile does not put it out of step.
+        // Other traffic does not affect its rhythm.
         module.input(Input::Levels(0));
         module.wait(500);
         let told: Vec<_> = module.effects.drain(..).collect();
@@ -233,7 +233,7 @@ fn levels_and_pulses() {
             panic!("three relays pull in");
         };
         assert_eq!(read(&mut module, Op::ReadOutputs), 0b0111);
-        // A 0 releases relay 1 and lets 2 be; one relay or all makes no difference.
+        // A 0 releases relay 1 and leaves 2 alone; one relay or all makes no difference.
         module.op(write(0b1000));
         module.op(switch(0, false));
         let [(_, 1, false), (_, 3, true)] = switched(&mut module)[..] else {
@@ -314,7 +314,7 @@ fn a_running_pulse_keeps_its_rules() {
     }
 }
 
-/// A write that may begin a pulse is not to be done twice.
+/// A write that may begin a pulse is not repeated.
 #[test]
 fn what_the_host_may_repeat() {
     let mut host = host(Protocol::Ascii);

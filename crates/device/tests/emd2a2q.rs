@@ -41,7 +41,7 @@ fn readings(module: &mut Bench) -> [u16; 2] {
     [6, 7].map(|at| register(module, at))
 }
 
-/// What lies at both inputs.
+/// Sets both inputs.
 fn apply(module: &mut Bench, first: i16, second: i16) {
     module.input(Input::Analog(0, first));
     module.input(Input::Analog(1, second));
@@ -131,7 +131,7 @@ fn calibration_of_zero() {
     assert_eq!(readings(&mut module), [100, 100]);
 }
 
-/// A calibration that power-off interrupts never was.
+/// A calibration that is interrupted by power-off has no effect.
 #[test]
 fn power_off_ends_a_calibration() {
     let mut module = emd();
@@ -223,7 +223,7 @@ fn restore() {
     assert_eq!(*module.engine.active(), shipped);
 }
 
-/// [EMD-2A2Q §5.8] a calibration under way does not outlive a restore.
+/// [EMD-2A2Q §5.8] a restore cancels a running calibration.
 #[test]
 fn restore_ends_a_calibration() {
     let mut module = configured();
@@ -235,13 +235,13 @@ fn restore_ends_a_calibration() {
     assert_eq!(readings(&mut module), [300, 400]);
 }
 
-/// A driver that is late with a timer does not change what the next request is told.
+/// A late timer does not change the reply to the next request.
 #[test]
 fn a_late_timer_comes_before_the_next_request() {
     let mut module = emd();
     apply(&mut module, 12, 12);
     set(&mut module, 5, 1);
-    // A second later the driver hands in a whole request, having slept through the end.
+    // A second later the driver, having missed the end, feeds a whole request.
     module.now = module.now + Micros::from_secs(1);
     let read = with_crc(&hex("01 03 0005 0002"));
     module.engine.handle(module.now, Input::Bytes(&read));

@@ -1,5 +1,5 @@
-//! `Module::group`, for every family, protocol and shape of board: a wish for any outputs in any
-//! states becomes a few frames that bring about exactly that.
+//! `Module::group`, for every family, protocol and shape of board: any requested states of any
+//! outputs become a few frames that produce exactly these.
 
 mod support;
 
@@ -8,7 +8,7 @@ use railbus_device::{Bank, Family, Layout, Module, Observation, Op, Setup};
 use railbus_wire::{Address, Protocol};
 use support::{Bench, request, seen};
 
-/// Any module that there can be, at address 5.
+/// Any possible module, at address 5.
 fn any_setup() -> impl Strategy<Value = Setup> {
     let families = prop::sample::select(&Family::ALL[..]);
     let shapes = (any::<bool>(), 0..=32u8, any::<prop::sample::Index>());
@@ -36,7 +36,7 @@ fn any_setup() -> impl Strategy<Value = Setup> {
     })
 }
 
-/// Everything that `group` does with a wish, in turn.
+/// All ops that `group` makes of a request, in order.
 fn steps(host: &Module, wish: Bank) -> Vec<Bank> {
     let mut steps = Vec::new();
     let mut want = wish;
@@ -51,7 +51,7 @@ fn steps(host: &Module, wish: Bank) -> Vec<Bank> {
     steps
 }
 
-/// Carries out ops on the module; every one is answered as its kind is.
+/// Executes ops on the module; every one is answered as its kind is.
 fn carry_out(host: &Module, module: &mut Bench, steps: &[Bank], silently: bool) {
     for step in steps {
         let op = if silently {

@@ -99,8 +99,8 @@ fn variables_are_counted_by_the_description() {
     assert_eq!(read, expected);
 }
 
-/// [ERC-8 §1.2, EMD-2A2Q §1.2, R55 §4.5, §4.9] the addresses that a module can have. A board
-/// never has 245, and so nothing that is meant for one board goes to all.
+/// [ERC-8 §1.2, EMD-2A2Q §1.2, R55 §4.5, §4.9] the addresses that a module can have. A board never
+/// has 245, so no request for one board is a broadcast.
 #[test]
 fn addresses() {
     let in_protocol = |family, protocol| Setup {

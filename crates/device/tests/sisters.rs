@@ -148,7 +148,7 @@ fn settings_act_after_the_reply() {
                 (left, Effect::Serial(even)),
             ]
         );
-        // Written again, nothing is new.
+        // Writing it again changes nothing.
         module.ask_rtu(&sister.set(1, 2, 2));
         assert_eq!(module.did(), []);
     }
@@ -309,7 +309,7 @@ fn turnaround() {
     }
 }
 
-/// Characters may be handed in one by one or in pieces; only silence inside the frame breaks it.
+/// Characters may be fed one by one or in pieces; only silence inside the frame breaks it.
 #[test]
 fn a_request_in_pieces() {
     for sister in BOTH {
@@ -333,7 +333,7 @@ fn a_request_in_pieces() {
     }
 }
 
-/// Characters that are handed in together when the last one has ended.
+/// Characters that are fed together when the last one has ended.
 fn hand_in(module: &mut Bench, piece: &[u8]) {
     module.now = module.now + Settings::FACTORY.frame_time(piece.len());
     module.engine.handle(module.now, Input::Bytes(piece));
@@ -368,7 +368,7 @@ fn damaged_frames() {
             let reply = with_bad_byte(&mut loud, &sister.on(1), damaged_at);
             assert_eq!(reply, exception(4), "byte {damaged_at}");
         }
-        // Whose frame it is can't be known, or is known not to be this module's.
+        // The frame's address is unknown, or known to be another module's.
         for damaged_at in [0, 1] {
             assert_eq!(with_bad_byte(&mut loud, &sister.on(1), damaged_at), None);
         }

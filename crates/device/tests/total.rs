@@ -1,5 +1,5 @@
-//! Whatever is heard, and whenever, no engine of any family panics, talks while it talks, says
-//! more than one frame for one request, or touches an output that it does not have.
+//! Whatever arrives, and whenever, no engine of any family panics, sends while it sends, sends more
+//! than one frame for one request, or touches an output that it does not have.
 //!
 //! `PROPTEST_CASES` overrides the number of cases.
 
@@ -30,7 +30,7 @@ enum Event {
     Init(bool),
     Dip(u8),
     Stuck(u32),
-    /// A driver that does everything right, for as long as the pause lasts.
+    /// A driver that does everything right, for the length of the pause.
     Attend,
 }
 
@@ -290,7 +290,7 @@ impl Watched {
         self.engine.handle(self.now, input);
         let deadline = self.drain()?;
         if input == Input::Timeout {
-            // Whatever was due is done: a driver never goes round in circles.
+            // Everything due is done: a driver never loops.
             prop_assert!(deadline.is_none_or(|at| at > self.now));
         }
         Ok(())

@@ -128,7 +128,7 @@ fn host_ok_feeds_with_and_without_a_checksum() {
             assert_eq!(module.ask(&alive), None);
         }
         assert!(!module.engine.eeprom().extensions.tripped);
-        // `#**` is for nobody's watchdog.
+        // `#**` does not feed the watchdog.
         let sample = if checksum {
             sealed("#**")
         } else {

@@ -1,5 +1,5 @@
-//! Ten million bytes that mean nothing: no engine panics, and no output moves unless somebody
-//! outside the engine finds a whole frame for the module among them, or the watchdog tripped.
+//! Ten million bytes of noise: no engine panics, and no output moves unless a judge outside the
+//! engine finds a whole frame for the module among them, or the watchdog tripped.
 
 use super::support::with_crc;
 use super::{ON, dice, setups};
@@ -11,8 +11,8 @@ const SEED: u64 = 0xBE_0001;
 const BYTES: usize = 10_000_000;
 const OWN: u8 = 1;
 
-/// A whole frame for the module, or for all, among what was heard last. A Modbus frame is all of
-/// it, since the last silence; the others may begin anywhere.
+/// Whether a whole frame for the module, or for all, is among the last bytes received. A Modbus
+/// frame is everything since the last silence; the others can begin anywhere.
 fn holds_a_frame(protocol: Protocol, heard: &[u8]) -> bool {
     let mut windows = (0..heard.len()).map(|at| &heard[at..]);
     match protocol {
@@ -37,7 +37,7 @@ fn holds_a_frame(protocol: Protocol, heard: &[u8]) -> bool {
     }
 }
 
-/// Frames that are nearly right, to be spoilt.
+/// Almost valid frames, to be damaged.
 fn models(protocol: Protocol) -> Vec<Vec<u8>> {
     let summed = |bytes: &[u8]| [bytes, &[sum8(bytes)]].concat();
     match protocol {
@@ -86,14 +86,14 @@ fn models(protocol: Protocol) -> Vec<Vec<u8>> {
     }
 }
 
-/// Something to hear: random, or a frame of which some bytes are changed or missing.
+/// A piece of input: random, or a frame with some bytes changed or missing.
 fn noise(state: &mut u64, models: &[Vec<u8>]) -> Vec<u8> {
     let any = |state: &mut u64| dice(state, 256) as u8;
     let mut frame = match dice(state, 4) {
         0 => (0..dice(state, 40)).map(|_| any(state)).collect(),
         _ => models[dice(state, models.len() as u64) as usize].clone(),
     };
-    // Now and then one is whole.
+    // Sometimes it stays whole.
     let spoils = if dice(state, 200) == 0 {
         0
     } else {
@@ -113,17 +113,17 @@ fn noise(state: &mut u64, models: &[Vec<u8>]) -> Vec<u8> {
     frame
 }
 
-/// A module that hears nothing but noise, and somebody who watches it.
+/// A module that receives only noise, and its judge.
 struct Watched {
     setup: Setup,
     eeprom: Eeprom,
     engine: Engine,
     now: Instant,
-    /// What was heard since the last silence, or of late.
+    /// What was received since the last silence, or most recently.
     heard: Vec<u8>,
-    /// A frame for the module was heard since power-up.
+    /// A frame for the module was received since power-up.
     licensed: bool,
-    /// How often that was so, and outputs moved.
+    /// How often that was so and outputs moved.
     licences: usize,
     moves: usize,
     trips: usize,
@@ -153,7 +153,7 @@ impl Watched {
         }
     }
 
-    /// Somebody was allowed to move it: from now on that is nobody again.
+    /// An output was allowed to move; from here on none is.
     fn restart(&mut self) {
         self.licences += usize::from(self.licensed);
         self.licensed = false;
@@ -192,11 +192,11 @@ impl Watched {
         self.drain();
     }
 
-    /// Hears a piece, and then silence or none.
+    /// Feeds a piece, followed by silence or not.
     fn hears(&mut self, piece: &[u8], silence: Micros) {
         self.now = self.now + self.setup.serial.frame_time(piece.len());
         self.heard.extend(piece);
-        // Who judges may not overlook a frame: it is licensed before it acts.
+        // The judge must not miss a frame: the move is licensed before the engine acts.
         self.licensed |= holds_a_frame(self.setup.protocol, &self.heard);
         self.happens(Input::Bytes(piece));
         self.now = self.now + silence;
@@ -245,7 +245,7 @@ fn move_nothing(watchdog: u8) {
                 _ => {}
             }
         }
-        // Neither the judge nor the noise is one-sided.
+        // Both outcomes occurred.
         assert!(module.moves > 0 && module.licences > 0, "{setup:?}");
         assert_eq!(module.trips > 0, watchdog > 0, "{setup:?}");
     }

@@ -53,7 +53,7 @@ fn registers_refuse_as_the_standard_does_and_then_do_nothing() {
             ("01 03 BE05 0002", 2),
             ("01 03 BE00 0007", 2),
             ("01 10 BE05 0002 04 0000 0000", 2),
-            // The first of the two would be good.
+            // The first of the two would be valid.
             ("01 10 BE01 0002 04 0005 0100", 3),
         ] {
             module.refuses(request, code);

@@ -1,4 +1,4 @@
-//! Switched off, a module is its datasheet's and nothing else.
+//! With the extensions switched off, a module follows its datasheet only.
 
 use super::support::{Bench, hex, with_crc};
 use super::{HALF_SECOND, setup, setups};

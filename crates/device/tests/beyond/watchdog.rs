@@ -39,8 +39,8 @@ fn a_thousand_hosts_that_die_leave_the_outputs_safe_in_time() {
             };
             let mut module = module(setup, extensions);
             let time = Micros::from_millis(100) * u64::from(watchdog);
-            // It polls and switches at any pace that keeps the module alive, and then dies at
-            // any moment: often inside a frame.
+            // It polls and switches at any pace that feeds the watchdog, and then dies at any
+            // moment: often in the middle of a frame.
             let mut fed = module.now;
             for turn in 0..dice(&mut state, 3) {
                 let pause = dice(&mut state, time.0.saturating_sub(100_000).max(1));

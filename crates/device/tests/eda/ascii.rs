@@ -89,7 +89,7 @@ fn the_checksum() {
             ("$01M", format!("!01{name}")),
             ("#010005", ">".into()),
             ("$016", format!("!05{inputs}00")),
-            // The acknowledgement still has what it switches off.
+            // The acknowledgement still has the checksum that it switches off.
             ("%0101400600", "!01".into()),
         ];
         for (request, reply) in frames {
@@ -119,7 +119,7 @@ fn lower_case_only_with_the_switch() {
     }
 }
 
-/// [EDA §2.9] nothing that the module has is so long; `?AA` shows what it takes for a frame.
+/// [EDA §2.9] no command of the module is this long; `?AA` shows what it takes for a frame.
 #[test]
 fn more_than_32_characters_are_forgotten() {
     for family in BOTH {
@@ -127,7 +127,7 @@ fn more_than_32_characters_are_forgotten() {
         let long = |length: usize| format!("$01{}\r", "0".repeat(length - 3));
         assert_eq!(module.ask_text(long(32).trim_end()).as_deref(), Some("?01"));
         module.ignores(long(33).as_bytes());
-        // What follows belongs to nothing until a delimiter comes.
+        // What follows belongs to no frame until a delimiter comes.
         module.ignores(long(64).trim_end().as_bytes());
         module.ignores(b"016\r");
         assert!(module.ask_text("$016").is_some());
@@ -180,7 +180,7 @@ fn who_acknowledges_a_configuration() {
 
 const VALID: [&str; 6] = ["$01M", "$012", "%0102400740", "$016", "#01000F", "#011201"];
 
-/// [EDA §2.22] with the checksum on, no damaged bit passes; and no `?AA` comes.
+/// [EDA §2.22] with the checksum on, no damaged bit passes, and there is no `?AA`.
 #[test]
 fn damage_is_ignored() {
     for mut module in sealing() {
@@ -201,7 +201,7 @@ fn damage_is_ignored() {
     ];
     for mut module in both(Protocol::Ascii, 1) {
         is_silent_to(&mut module, &errors);
-        // A character with a wrong stop bit takes its request with it.
+        // A character with a framing error invalidates its request.
         module.send(b"$0");
         module.input(railbus_device::Input::BadByte);
         module.send(b"16\r");
@@ -281,7 +281,7 @@ fn the_switch_for_refusals() {
 #[test]
 fn line_feeds_are_ignored() {
     let options = Options {
-        // So that what follows the request is still heard.
+        // So that the request after it is still received.
         turnaround: Micros::from_millis(10),
         ..Options::default()
     };

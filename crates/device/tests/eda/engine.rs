@@ -1,4 +1,4 @@
-//! How requests reach the modules and what leaves them, whatever the protocol.
+//! How requests reach the modules and how replies leave them, in every protocol.
 
 use super::*;
 use railbus_device::{Engine, Input, Output};
@@ -11,7 +11,7 @@ fn switch(module: &Bench, channel: u8) -> Vec<u8> {
     request(&module.host(), &op).expect("a frame")
 }
 
-/// Hands in characters that end now, all at once, and gives back what is answered.
+/// Feeds characters that all end now, and returns the reply.
 fn in_one_piece(module: &mut Bench, bytes: &[u8]) -> Option<Vec<u8>> {
     module.wait(50);
     let now = module.now;
@@ -19,7 +19,7 @@ fn in_one_piece(module: &mut Bench, bytes: &[u8]) -> Option<Vec<u8>> {
     module.run_until(now + Micros::from_millis(300))
 }
 
-/// Everything the engine wants done now, and whether it then sends.
+/// Everything the engine wants done now, and whether it sends then.
 fn drain(engine: &mut Engine) -> (Vec<Effect>, Option<Vec<u8>>) {
     let mut effects = Vec::new();
     loop {
@@ -61,7 +61,7 @@ fn modbus_requests_back_to_back_are_none() {
     for mut module in both(Protocol::Rtu, 1) {
         let two = [switch(&module, 0), switch(&module, 1)].concat();
         module.ignores(&two);
-        // Late news: a whole frame, long silence, and a second one, before any timeout.
+        // The driver is late: a whole frame, long silence, and a second one, before any timeout.
         let (first, second) = two.split_at(8);
         let now = module.now;
         let later = now + Micros::from_millis(20);
@@ -140,7 +140,7 @@ fn effects_come_once_and_in_order() {
     }
 }
 
-/// The reply waits for the turnaround; a request that ends meanwhile takes its place.
+/// The reply waits for the turnaround; a request that ends before that replaces it.
 #[test]
 fn turnaround() {
     let turnaround = Micros::from_millis(20);
@@ -176,7 +176,7 @@ fn turnaround() {
     }
 }
 
-/// A host that has turned to another module meanwhile is not interrupted.
+/// A host that has addressed another module meanwhile is not interrupted.
 #[test]
 fn a_request_to_another_module_ends_the_wait() {
     let options = Options {
@@ -199,7 +199,7 @@ fn a_request_to_another_module_ends_the_wait() {
     }
 }
 
-/// A [`Input::Sent`] that belongs to no reply does nothing, least of all to new settings.
+/// A [`Input::Sent`] that belongs to no reply does nothing, in particular it applies no settings.
 #[test]
 fn nothing_was_sent() {
     let options = Options {
@@ -220,7 +220,7 @@ fn nothing_was_sent() {
     }
 }
 
-/// What is heard while the module talks is not heard, and it begins nothing new meanwhile.
+/// What arrives while the module sends is discarded, and it begins nothing new meanwhile.
 #[test]
 fn half_duplex() {
     for module in all() {
@@ -245,7 +245,7 @@ fn half_duplex() {
     }
 }
 
-/// New settings wait for the last stop bit, whatever is heard while the module talks.
+/// New settings wait for the last stop bit, whatever arrives while the module sends.
 #[test]
 fn noise_does_not_hurry_new_settings() {
     for module in all() {
@@ -265,7 +265,7 @@ fn noise_does_not_hurry_new_settings() {
     }
 }
 
-/// A request that is heard when a late reply goes out is lost, not answered in between.
+/// A request that arrives when a late reply goes out is lost, not answered in between.
 #[test]
 fn a_reply_that_meets_a_request() {
     let turnaround = Micros::from_millis(20);
@@ -286,7 +286,7 @@ fn a_reply_that_meets_a_request() {
     }
 }
 
-/// A driver that comes late: what had ended by then has ended before what came then.
+/// A late driver: what was due by then is done before new input is handled.
 #[test]
 fn time_goes_first() {
     let mut module = Bench::new(setup(Family::Eda9060a, Protocol::Ascii, 1));
@@ -309,7 +309,8 @@ fn what_reads_everything_once() {
     }
 }
 
-/// A wish takes few frames: in Modbus one for each run, otherwise one for all outputs.
+/// Setting several outputs takes few frames: in Modbus one for each run, otherwise one for all
+/// outputs.
 #[test]
 fn what_one_frame_brings_about() {
     for module in all() {
@@ -332,7 +333,7 @@ fn what_one_frame_brings_about() {
     }
 }
 
-/// The host knows what no frame of these modules can do.
+/// The host knows what none of these modules' frames can do.
 #[test]
 fn what_no_frame_does() {
     let channel = Channel::new(0).expect("it exists");
@@ -360,8 +361,8 @@ fn what_no_frame_does() {
     }
 }
 
-/// A frame of another protocol may lie open in the ear: an LC-02 reply holds a `#` here. The
-/// request after it kept its gap all the same.
+/// A partial frame of another protocol may be pending in the receiver: an LC-02 reply contains a
+/// `#` here. The request after it kept its gap.
 #[test]
 fn a_gap_counts_after_the_bytes_of_another_protocol() {
     let setup = Setup::new(Family::Eda9060a, Address(1));

@@ -93,7 +93,7 @@ fn settings_survive_power_off_and_outputs_do_not() {
         assert_eq!(settings, (7, 19200, ascii));
         assert!(module.op(Op::ReadOutputs).is_some());
     }
-    // A pulse ends with the power, and nothing happens when its time is over.
+    // A power loss ends a pulse, and nothing happens at the time it would have ended.
     let mut module = both(Protocol::Ascii, 1).next().expect("the EDA9060A");
     converse(&mut module, &[("#0140FC8", "!01"), ("#01000F", ">")]);
     module.power_cycle();
@@ -206,7 +206,7 @@ fn the_gap_before_requests() {
                 },
             );
             let ask = request(&module.host(), &Op::ReadOutputs).expect("a frame");
-            // Something for somebody else, then the request.
+            // A frame for another module, then the request.
             for (silence, heard) in [(gap.0 - 10, false), (gap.0, true)] {
                 module.send(b"?");
                 let begin = module.now + Micros(silence);
@@ -215,7 +215,7 @@ fn the_gap_before_requests() {
                 let end = module.now + Micros::from_millis(100);
                 assert_eq!(module.run_until(end).is_some(), heard, "{protocol}");
             }
-            // Two in one piece: the second keeps no gap, and in Modbus they are none.
+            // Two in one piece: the second keeps no gap, and in Modbus they are no frame at all.
             module.wait(50);
             let on = request(&module.host(), &every_output(&module)).expect("a frame");
             module

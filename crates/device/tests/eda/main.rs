@@ -79,7 +79,7 @@ fn serial(address: u8, baud: Baud, checksum: bool) -> Op {
     })
 }
 
-/// The request with each of its bits turned round in turn.
+/// The request with each of its bits inverted in turn.
 fn damaged(request: &[u8]) -> impl Iterator<Item = Vec<u8>> + use<> {
     let request = request.to_vec();
     (0..8 * request.len()).map(move |bit| {

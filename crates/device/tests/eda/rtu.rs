@@ -64,7 +64,7 @@ fn what_modbus_refuses() {
         for (request, exception) in REFUSED {
             is_silent_to(&mut module, &[request]);
             aloud.refuses(request, exception);
-            // Others, and all at once, are never answered.
+            // Requests for other modules, and broadcasts, are never answered.
             for address in ["00", "02"] {
                 let request = request.replacen("01", address, 1);
                 is_silent_to(&mut aloud, &[&request]);
@@ -73,7 +73,7 @@ fn what_modbus_refuses() {
     }
 }
 
-/// [EDA §4.4] an exception is an answer; that silence is one too is a matter of the bus.
+/// [EDA §4.4] an exception is an answer; that silence is one too is tested with the bus.
 #[test]
 fn host_takes_exceptions() {
     for family in BOTH {

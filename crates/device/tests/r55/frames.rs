@@ -54,7 +54,7 @@ fn what_gets_no_reply() {
     assert_eq!(board.ask_r55("01 10 00000000"), Some(hex("01 10 00000005")));
 }
 
-/// [R55 §1.8] much noise is forgotten; the frame behind it is found.
+/// [R55 §1.8] much noise is discarded; the frame after it is found.
 #[test]
 fn much_noise() {
     for noise in [vec![0x55; 1000], vec![0x00; 1000]] {
@@ -65,7 +65,7 @@ fn much_noise() {
     }
 }
 
-/// A character with a wrong stop bit ends what was begun.
+/// A character with a framing error ends a partial frame.
 #[test]
 fn a_bad_character_spoils_the_frame() {
     let mut board = relays(32);
@@ -84,7 +84,7 @@ fn a_bad_character_spoils_the_frame() {
 /// How the bytes of a burst reach the board.
 const DELIVERIES: [usize; 5] = [1, 3, 8, 13, usize::MAX];
 
-/// Hands in bytes so many at a time, each lot when its last one has ended.
+/// Feeds bytes in pieces of this size, each when its last one has ended.
 fn deliver(board: &mut Bench, bytes: &[u8], at_a_time: usize) -> Option<Vec<u8>> {
     board.wait(50);
     for lot in bytes.chunks(at_a_time.min(bytes.len())) {
@@ -115,7 +115,7 @@ fn chains() {
         ),
         (&["01 12 00000001", "01 10 00000000"], Some((0x10, 1)), 1),
         (&["01 12 00000001", "01 12 00000002"], Some((0x12, 3)), 3),
-        // A twin behind a request changes the state, not the reply.
+        // A no-reply request after it changes the state, not the reply.
         (&["01 12 00000001", "01 32 00000002"], Some((0x12, 1)), 3),
         (&["01 32 00000002", "01 12 00000001"], Some((0x12, 3)), 3),
         (&["01 12 00000001", "02 10 00000000"], Some((0x12, 1)), 1),
@@ -158,7 +158,7 @@ fn turnaround() {
     }
 }
 
-/// [R55 §1.6] "insist on the gap" is nothing to a board: it has no gap.
+/// [R55 §1.6] "insist on the gap" has no effect on a board: it has no gap.
 #[test]
 fn a_board_never_insists_on_a_gap() {
     let setup = setup(Layout::Outputs, 32, 0);

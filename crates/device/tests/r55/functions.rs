@@ -42,7 +42,7 @@ fn jogs_on_small_boards() {
 /// [R55 §2.14] a later command for the channel ends its jog, and one for others does not.
 #[test]
 fn commands_cancel_jogs() {
-    // Relay 2 closes for a second; what it is after two.
+    // Relay 2 closes for a second; its state after two.
     let cancels = [
         ("01 11 00000002", false),
         ("01 31 00000002", false),

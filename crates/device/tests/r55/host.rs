@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// [R55 §3.5] the host takes no notice of bits above the count.
+/// [R55 §3.5] the host ignores bits above the count.
 #[test]
 fn the_host_ignores_bits_above_the_count() {
     use Layout::{Inputs, Mixed, Outputs};
@@ -97,7 +97,7 @@ fn the_host_asks() {
     }
 }
 
-/// Of a wish that takes two frames the lowest relay's state comes first, whatever it is.
+/// Of a request that takes two frames the lowest relay's state comes first, whatever it is.
 #[test]
 fn the_host_groups() {
     let host = host(setup(Layout::Outputs, 8, 0));

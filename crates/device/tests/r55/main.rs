@@ -26,7 +26,7 @@ fn setup(layout: Layout, outputs: u8, inputs: u8) -> Setup {
     }
 }
 
-/// A board with so many relays at address 1.
+/// A board with this many relays at address 1.
 fn relays(count: u8) -> Bench {
     Bench::new(setup(Layout::Outputs, count, 0))
 }

@@ -91,7 +91,7 @@ fn the_old_address_holds_until_the_reply_has_left() {
         (left, Address(7))
     );
 
-    // Where a restart is needed, it holds until then.
+    // With config_applies = after restart, it holds until then.
     let setup = setup(Layout::Outputs, 32, 0);
     let options = Options {
         applies: Applies::AfterRestart,

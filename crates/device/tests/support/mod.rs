@@ -1,4 +1,4 @@
-//! A module on a bench: bytes in, bytes out, and time that passes when told to.
+//! A module on a bench: bytes in, bytes out, and time that the test controls.
 #![allow(
     dead_code,
     unreachable_pub,
@@ -10,7 +10,7 @@ use railbus_device::{
 };
 use railbus_wire::{Frame, Instant, Micros, Protocol, crc16, sum8};
 
-/// One module in virtual time, with everything it did to the outside.
+/// One module in virtual time, with everything it did at its terminals.
 pub struct Bench {
     pub engine: Engine,
     pub setup: Setup,
@@ -41,14 +41,14 @@ impl Bench {
         bench
     }
 
-    /// Power off and on again, time going on.
+    /// Power off and on again; time continues.
     pub fn power_cycle(&mut self) {
         let eeprom = *self.engine.eeprom();
         self.engine = Engine::new(&self.setup, eeprom, self.options, self.now).expect("as before");
         assert_eq!(self.spoken(), None, "a module says nothing at power-up");
     }
 
-    /// Lets time pass; what the module says of itself meanwhile is an error.
+    /// Lets time pass; an unsolicited transmission is an error.
     pub fn wait(&mut self, millis: u64) {
         assert_eq!(self.run_until(self.now + Micros::from_millis(millis)), None);
     }
@@ -105,7 +105,7 @@ impl Bench {
         .expect("a possible module")
     }
 
-    /// Asks as the host does; what it makes of the reply.
+    /// Sends a host's request; returns the decoded reply.
     pub fn op(&mut self, op: Op) -> Option<Observation> {
         let host = self.host();
         let frame = request(&host, &op).expect("the model has a command for it");
@@ -113,14 +113,14 @@ impl Bench {
         Some(seen(&host, &op, &reply))
     }
 
-    /// Asks in vain: no answer, and nothing changes.
+    /// Sends a request that must have no reply and no effect.
     pub fn ignores(&mut self, bytes: &[u8]) {
         let reply = self.ask_unchanged(bytes);
         assert_eq!(reply, None, "{bytes:02X?} is ignored");
     }
 
-    /// Asks a Modbus request, without its CRC, in vain: the module answers this exception, and
-    /// nothing changes [MODBUS §3.7].
+    /// Sends a Modbus request, without its CRC, that must be answered with this exception and have
+    /// no effect [MODBUS §3.7].
     pub fn refuses(&mut self, text: &str, code: u8) {
         let request = hex(text);
         let exception = with_crc(&[request[0], request[1] | 0x80, code]);
@@ -142,7 +142,7 @@ impl Bench {
         reply
     }
 
-    /// What the module did to the outside since this was asked last, LED aside.
+    /// What the module did at its terminals since the last call, except for the LED.
     pub fn did(&mut self) -> Vec<(Instant, Effect)> {
         let mut effects = std::mem::take(&mut self.effects);
         effects.retain(|(_, effect)| !matches!(effect, Effect::Led(_)));
