@@ -68,7 +68,7 @@ fn a_cut_at_any_byte_leaves_the_old_or_the_new() {
     assert!(old > 0 && new > 0, "{old} old, {new} new");
 }
 
-/// A second loss of power while the first one is being got over.
+/// A second loss of power during recovery from the first.
 #[test]
 fn a_cut_after_a_cut_leaves_the_old_or_the_new() {
     let [first, second, third] = [1, 2, 3].map(|address| factory(Family::R55, address));
@@ -94,7 +94,7 @@ fn a_cut_after_a_cut_leaves_the_old_or_the_new() {
     assert_eq!(cuts, 18_000, "pairs of cuts");
 }
 
-/// The first sequence numbers of a chip that had many writes: round the end of the numbers, too.
+/// The first sequence numbers of a chip that had many writes: also around the wrap of the numbers.
 #[test]
 fn the_higher_sequence_counts_round_the_end() {
     let [old, new, next] = [1, 2, 3].map(|address| factory(Family::Erc8, address));
@@ -177,7 +177,7 @@ fn both_slots_share_the_wear() {
     assert_eq!(pages, [500; 4], "two pages of each slot, and no other");
 }
 
-/// Rots some bits of a chip with good settings in both slots.
+/// Flips some bits of a chip with good settings in both slots.
 fn rotten(seed: u64) -> Chip {
     let mut rng = Rng(seed);
     let mut chip = Chip::blank();

@@ -83,7 +83,7 @@ fn a_cut_at_any_step_leaves_the_old_or_the_new() {
     assert_eq!(nor.twice, 0);
 }
 
-/// The second loss of power meets what the first one left, at every step of getting over it.
+/// The second loss of power comes during recovery from the first, at every step of it.
 #[test]
 fn a_cut_after_a_cut_leaves_the_old_or_the_new() {
     let mut nor = Nor::blank(SECTORS);

@@ -129,7 +129,7 @@ fn a_master_that_hammers_wears_out_nothing() {
         assert!(tally.writes.iter().map(in_an_hour).max() <= Some(36));
         assert!(counters.deferred > 1_000);
         assert_eq!(usize::from(counters.written), tally.writes.len());
-        // Looking whether it is there already is done in RAM.
+        // The comparison with what is stored is done in RAM.
         assert!(
             tally.reads <= tally.writes.len() + 1,
             "{} reads",
@@ -233,7 +233,7 @@ fn a_chip_that_does_not_answer_is_tried_again() {
     );
 }
 
-/// A chip that is worn out, or write-protected: it says yes and holds what it held.
+/// A chip that is worn out, or write-protected: it acknowledges and keeps its old contents.
 #[test]
 fn what_does_not_read_back_is_not_called_written() {
     let chip = Chip {

@@ -291,7 +291,7 @@ proptest! {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(3_000))]
 
-    /// Whatever a module is told, what it wants kept can be kept, and makes the same module.
+    /// Whatever a module receives, what it wants stored can be stored, and makes the same module.
     #[test]
     fn what_a_module_wants_kept_can_be_kept(record in record(), happens in vec(happens(), 0..30)) {
         for eeprom in saves(&record, &happens) {
