@@ -1,5 +1,4 @@
-//! Polling allocates nothing once it is under way: the line's memory is what it was given at the
-//! start.
+//! Polling allocates nothing once it has started: the line's memory is allocated at the start.
 #![allow(
     unsafe_code,
     reason = "a global allocator can't be written without; it only counts"
@@ -63,7 +62,7 @@ impl Line {
     fn new(setup: Setup) -> Line {
         let mut bus = Bus::new(Config::default());
         bus.add(Module::new(setup).expect("possible"), Plan::default());
-        // One more that never answers: misses and ghosts are part of the day.
+        // One more that never answers, so that misses and ghosts occur as well.
         let dead = Setup {
             address: Address(30),
             ..setup

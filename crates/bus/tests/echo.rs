@@ -1,5 +1,5 @@
-//! An echo that comes and goes while the line is at work: what it may cost, and that nothing is
-//! taken for an acknowledgement that may be one.
+//! An echo that appears and disappears on a running line: what it may cost, and that no frame that
+//! may be an echo is taken for an acknowledgement.
 
 mod support;
 
@@ -10,7 +10,7 @@ use railbus_device::{Bank, Eeprom, Engine, Family, Module, Op, Options, Setup};
 use railbus_wire::{Address, Instant, Micros, Protocol};
 use support::{Drive, Happening, millis};
 
-/// The longest that a line may be without a reading of each of its modules.
+/// The longest time that a line may be without a reading of each of its modules.
 const OUT_OF_SERVICE_MAX: Micros = Micros::from_secs(2);
 
 fn setup(protocol: Protocol, address: u8) -> Setup {
@@ -96,7 +96,7 @@ impl Line {
         self.told.iter().filter(|event| *event == wanted).count()
     }
 
-    /// Both modules are online and were read lately, and all the time before.
+    /// Both modules are online and were read recently, all the time before too.
     fn is_in_service(&self) {
         let now = self.drive.now;
         for module in [0, 1] {
@@ -138,7 +138,7 @@ fn a_jumper_that_is_set_and_taken_away_costs_two_seconds_at_most() {
     }
 }
 
-/// Two requests in a row come back, so that the line takes it for an echo, again and again.
+/// Two requests in a row are echoed, so that the line detects an echo, again and again.
 #[test]
 fn what_was_taken_for_an_echo_is_given_up_again() {
     for protocol in PROTOCOLS {

@@ -1,4 +1,4 @@
-//! Edges of the line's rules, each at its exact moment: what is just in time and just too late.
+//! Edges of the line's rules, each at its exact moment: just in time and just too late.
 
 mod support;
 
@@ -13,7 +13,7 @@ use railbus_wire::{
 };
 use support::{Drive, Happening, millis};
 
-/// A line whose modules are asked only by command, and what went over it.
+/// A line whose modules are addressed by commands only, and what was sent on it.
 struct Line {
     drive: Drive,
     frames: Vec<Vec<u8>>,
@@ -62,7 +62,7 @@ impl Line {
         self.drive.touched();
     }
 
-    /// Runs for a time; `answer` says what comes back to a frame, 5 ms after it.
+    /// Runs for a time; `answer` returns the reply to a frame, which comes 5 ms after it.
     fn run(&mut self, time: Micros, answer: impl Fn(&[u8]) -> Option<Vec<u8>>) {
         let until = self.drive.now + time;
         while let Some(happening) = self.drive.step(until) {
@@ -84,7 +84,7 @@ impl Line {
         }
     }
 
-    /// How commands ended, and what they took.
+    /// How commands ended, and how long they took.
     fn ends(&self) -> Vec<(Result<Confirmed, Fault>, Micros)> {
         let done = |(_, event): &(Instant, Event)| match event {
             Event::Done { end, took, .. } => Some((*end, *took)),
@@ -132,7 +132,7 @@ fn as_a_board(frame: &[u8]) -> Option<Vec<u8>> {
     Some(reply)
 }
 
-/// What an EDA module says whose outputs are all off.
+/// An EDA module's reply with all outputs off.
 fn all_off(address: u8) -> Vec<u8> {
     let mut reply = vec![address, 1, 1, 0];
     reply.extend(crc16(&reply).to_le_bytes());
@@ -189,7 +189,7 @@ fn commands_for_one_output_wait_for_each_other() {
     }
 }
 
-/// The same where the first one's read-back is lost and has to wait for its ghost.
+/// As above where the first one's read-back is lost and has to wait for its ghost.
 #[test]
 fn commands_for_one_output_wait_for_a_read_back_that_is_lost() {
     for (op, code) in [(Op::Toggle(1), 0x20), (jog(), 0x21)] {
@@ -205,8 +205,8 @@ fn commands_for_one_output_wait_for_a_read_back_that_is_lost() {
     }
 }
 
-/// What was given up haunts the line until no reply to it can come; what was answered does not,
-/// though its reply may come again.
+/// An abandoned request is a ghost until no reply to it can come; an answered one is none, though
+/// its reply may come again.
 #[test]
 fn a_request_that_was_given_up_haunts_the_line() {
     let mut line = Line::new(EchoMode::Off, &[board()]);
@@ -214,7 +214,7 @@ fn a_request_that_was_given_up_haunts_the_line() {
     let left = line.drive.now + Settings::FACTORY.frame_time(8);
     line.submit(Op::Toggle(1));
     line.run(millis(50), |_| None);
-    // Nobody knows yet whether it will be answered.
+    // It is not yet known whether it will be answered.
     assert_eq!(
         line.drive.bus.late_replies_until(),
         Some(left + millis(500))
@@ -222,7 +222,7 @@ fn a_request_that_was_given_up_haunts_the_line() {
     line.run(millis(280), |frame| {
         (frame[2] != 0x20).then(|| as_a_board(frame)).flatten()
     });
-    // Three times the 300 ms that a module is waited for that never answered.
+    // Three times the 300 ms of the reply timeout for a module that never answered.
     assert_eq!(
         line.drive.bus.late_replies_until(),
         Some(left + millis(900))
@@ -239,8 +239,8 @@ fn a_request_that_was_given_up_haunts_the_line() {
     assert_eq!(cautious.drive.bus.late_replies_until(), None);
 }
 
-/// Once a fence is answered nothing older can come to this line. Who opens the port next relies on
-/// no order: for that the request haunts it as long as one of a module of which nothing is known.
+/// Once a fence is answered, no older reply can come to this line. The next user of the port can't
+/// rely on that order: to it the request is a ghost for as long as one of an unknown module.
 #[test]
 fn what_a_fence_has_ended_haunts_the_next_user_of_the_port() {
     let config = Config {
@@ -266,15 +266,15 @@ fn what_a_fence_has_ended_haunts_the_next_user_of_the_port() {
     );
 }
 
-/// A module is not given another address while an earlier command for it waits for a ghost to
-/// go: that command would be sent to nobody.
+/// A module's address is not changed while an earlier command for it waits for a ghost: the command
+/// would then be sent to an address without a module.
 #[test]
 fn a_change_of_settings_waits_for_earlier_commands() {
     let mut line = Line::new(EchoMode::Off, &[Setup::new(Family::Erc8, Address(1))]);
     let first = Channel::new(0).expect("it exists");
     line.submit(Op::Write(Bank::one(first, true)));
     line.submit(Op::Configure(Change::Address(Address(2))));
-    // The write's reply is lost, the relay reads off, and so it is sent again after its ghost.
+    // The write's reply is lost, the relay reads off, so it is repeated after its ghost.
     line.run(millis(2000), |frame| (frame[1] == 1).then(|| all_off(1)));
     let codes: Vec<u8> = line.frames.iter().map(|frame| frame[1]).collect();
     let readdressed = codes
@@ -288,8 +288,8 @@ fn a_change_of_settings_waits_for_earlier_commands() {
     assert!(readdressed > rewritten && rewritten > 0, "{codes:?}");
 }
 
-/// A babble is named once it has lasted for more than half a second without a silence of more
-/// than 50 ms, once, and it ends with the silence before the next request.
+/// Babble is reported once it has lasted for more than half a second without a silence of more than
+/// 50 ms, once, and it ends with the silence before the next request.
 #[test]
 fn a_babble_is_named_and_ends() {
     let chatter = |line: &mut Line, from: u64, to: u64, step: u64| {
@@ -327,8 +327,8 @@ fn a_babble_is_named_and_ends() {
     assert!(with_silences.told_at(Event::Babble).is_empty());
 }
 
-/// Somebody who leaves room for a request now and then is named all the same, whatever he says, and
-/// so is one who drowns the replies; a good reply or a silence ends it.
+/// Babble that leaves room for a request now and then is reported as well, whatever its bytes, and
+/// so is babble that drowns the replies; a good reply or a silence ends it.
 #[test]
 fn a_babble_that_leaves_room_for_requests_is_named() {
     let noise = vec![0xA5, 0x5A, 0x00];
@@ -355,7 +355,7 @@ fn a_babble_that_leaves_room_for_requests_is_named() {
     }
 }
 
-/// A module whose every reply is spoilt, asked without a pause, is no babble.
+/// A module whose every reply is garbled, polled without a pause, is no babble.
 #[test]
 fn spoilt_replies_are_no_babble() {
     let mut line = Line::new(EchoMode::Off, &[eda(), board()]);
@@ -367,7 +367,7 @@ fn spoilt_replies_are_no_babble() {
     assert!(line.told_at(Event::Babble).is_empty());
 }
 
-/// What is overheard is kept, up to 300 bytes without a silence; one more byte begins anew.
+/// Overheard bytes are kept, up to 300 without a silence; one more clears the buffer.
 #[test]
 fn three_hundred_bytes_are_kept_of_what_is_overheard() {
     let mut line = Line::new(EchoMode::Off, &[board()]);
@@ -379,8 +379,8 @@ fn three_hundred_bytes_are_kept_of_what_is_overheard() {
     }
 }
 
-/// Where an echo is known to come and does not, silence is no reply, and anything else is one only
-/// where it is good and can't be the echo itself.
+/// Where an echo is known and does not come, silence is no reply, and other bytes are one only if
+/// they are valid and can't be the echo itself.
 #[test]
 fn without_its_echo_a_reply_counts_only_where_it_is_none_itself() {
     let end_after = |answer: &dyn Fn(&[u8]) -> Option<Vec<u8>>| {
@@ -449,7 +449,7 @@ fn a_slow_reply_is_forgotten_with_the_second_thousand_of_quick_ones() {
     assert_eq!(waits(&mut line), millis(20), "it is forgotten");
 }
 
-/// A driver that comes late still ends what has expired, and nothing of it is sent.
+/// A late driver still ends what has expired, and nothing of it is sent.
 #[test]
 fn a_command_expires_though_the_driver_comes_late() {
     let mut line = Line::new(EchoMode::Off, &[board()]);
@@ -482,8 +482,8 @@ fn a_fault_says_whether_the_module_may_have_acted() {
     assert!(may_have_acted.iter().all(Fault::may_have_acted));
 }
 
-/// A probe may be led by a lone CR, and a reply that comes when it is over is told of: late, and
-/// once more.
+/// A probe may be preceded by a lone CR, and a reply that comes after it ended is reported: as
+/// late, and once more.
 #[test]
 fn replies_to_a_probe_that_is_over_are_told_of() {
     let mut line = Line::new(EchoMode::Off, &[]);

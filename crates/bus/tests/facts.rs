@@ -1,5 +1,5 @@
-//! What docs/datasheets bind the host to, as far as it concerns the line: one test per fact.
-//! Facts about frames and ops have theirs beside the codecs and the families.
+//! What docs/datasheets require of the host, as far as it concerns the line: one test per fact.
+//! Facts about frames and ops are tested with the codecs and the families.
 
 mod support;
 
@@ -8,14 +8,14 @@ use railbus_device::{Bank, Family, Module, Observation, Op, Setup};
 use railbus_wire::{Address, Channel, Instant, Micros, Protocol, r55::U24};
 use support::{Drive, Happening, millis};
 
-/// A line with one module that answers by script.
+/// A line with one module that answers by a script.
 struct Script {
     drive: Drive,
     sent: Vec<(Instant, Vec<u8>)>,
     /// When the last request had left.
     left: Instant,
     events: Vec<(Instant, Event)>,
-    /// What comes back after each request: so long after its end, in one piece.
+    /// The replies to the requests, in order: this long after the end of the request, in one piece.
     answers: Vec<Option<(Micros, Vec<u8>)>>,
 }
 
@@ -45,7 +45,7 @@ impl Script {
         script
     }
 
-    /// The next unused answer is this one.
+    /// Appends a reply to the script.
     fn answer(&mut self, after: Micros, bytes: &[u8]) {
         self.answers.push(Some((after, bytes.to_vec())));
     }
@@ -123,10 +123,10 @@ fn first_on() -> Op {
     Op::Write(Bank::one(Channel::new(0).expect("a channel"), true))
 }
 
-/// How long a module that never answered is waited for after a request, wire time apart.
+/// How long a module that never answered is waited for after a request, not counting wire time.
 fn patience(setup: Setup) -> Micros {
     let mut script = Script::new(&[setup]);
-    // A write without a second try, whose end shows when its reply was given up.
+    // A write without a second attempt, whose end shows the reply timeout.
     let op = Op::ReadOutputs;
     script.submit(0, op);
     script.run_for(Micros::from_secs(8));
@@ -139,7 +139,7 @@ fn patience(setup: Setup) -> Micros {
     let (at, _) = done.expect("it ended");
     let wire = setup.serial.frame_time(exchange.response_len_max());
     let waited = at.since(script.left);
-    // A reply that begins just inside is taken.
+    // A reply that begins just in time is taken.
     let mut script = Script::new(&[setup]);
     let good = reply(setup);
     script.answer(millis(300), &good);
@@ -238,14 +238,14 @@ fn a_write_without_reply_is_read_before_it_is_repeated() {
         script.run_for(millis(100));
         script.events.clear();
         script.sent.clear();
-        // It did act: nothing is repeated.
+        // It did act: it is not repeated.
         script.answer_none();
         script.answer(millis(5), &reply(module));
         script.submit(0, first_on());
         script.run_for(Micros::from_secs(3));
         assert_eq!(script.end(), Ok(Confirmed::Readback), "{protocol}");
         assert_eq!(script.sent.len(), 2, "{protocol}: written once, read once");
-        // It refused each time: nobody says more than that no reply came.
+        // It refused each time: only "no reply" is reported.
         script.events.clear();
         let off = Op::Write(Bank::one(Channel::new(0).expect("a channel"), false));
         for _ in 0..3 {
@@ -273,7 +273,7 @@ fn input_before_a_request_is_discarded() {
         script.run_for(Micros::from_secs(8));
         let fault = script.end().expect_err("nothing answered it");
         assert_eq!(fault.name(), "no_reply", "{protocol}");
-        // The same for its beginning: the rest alone is no reply.
+        // The same if its first part arrived early: the rest alone is no reply.
         let mut script = Script::new(&[module]);
         let whole = reply(module);
         let (begin, rest) = whole.split_at(4);
@@ -382,8 +382,8 @@ fn exception_08_is_repeated() {
     assert_eq!(script.sent.len(), 2);
 }
 
-/// [ERC-8 §5.2] A bare exception of three bytes is no reply where the module's quirk for it is
-/// off, as it is for all modules that nothing else is said of.
+/// [ERC-8 §5.2] A bare exception of three bytes is no reply where the module's quirk for it is off,
+/// as it is by default.
 #[test]
 fn a_bare_exception_is_no_reply() {
     let mut script = Script::new(&[setup(Family::Erc8, Protocol::Rtu)]);

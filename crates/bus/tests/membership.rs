@@ -1,4 +1,4 @@
-//! Modules join and leave a line at work, and those that stay notice nothing of it.
+//! Modules join and leave a running line, and the others are not affected.
 
 mod support;
 
@@ -44,7 +44,7 @@ fn line(addresses: &[u8], known: usize) -> Drive {
     drive
 }
 
-/// What happened within a time: the addresses that were asked, and what was told.
+/// What happened within a time: the addresses that were polled, and the events.
 fn run(drive: &mut Drive, span: Micros) -> (Vec<(Instant, u8)>, Vec<Event>) {
     let until = drive.now + span;
     let (mut asked, mut told) = (Vec::new(), Vec::new());
@@ -94,7 +94,7 @@ fn those_that_stay_are_asked_on_as_if_nothing_had_been() {
     let of_first: Vec<Instant> = polls.filter(|(_, at)| *at == 3).map(|(at, _)| at).collect();
     let settled = of_first.windows(2).skip(5);
     let longest = settled.map(|pair| pair[1].since(pair[0])).max();
-    // The new one is asked for its fence, too.
+    // The new module is also asked for its fence.
     let most = INTERVAL + millis(100);
     assert!(
         longest.is_some_and(|longest| longest <= most),

@@ -19,9 +19,9 @@ use support::{Drive, Happening, millis};
 struct Bench {
     drive: Drive,
     modules: Vec<Module>,
-    /// The last good reading of each op of each module: when it was asked for.
+    /// The last good reading of each op of each module: when it was requested.
     asked: HashMap<(usize, Op), Instant>,
-    /// The oldest that a reading became before it was replaced.
+    /// The greatest age of a reading before it was replaced.
     oldest: Micros,
     /// Since when ages count.
     count_from: Instant,
@@ -31,7 +31,7 @@ struct Bench {
     presence: Vec<(Instant, usize, Presence)>,
     requests: usize,
     too_early: usize,
-    /// The time that requests to each module took that were not answered, gap included.
+    /// The time spent on unanswered requests to each module, including the gap.
     spent: Vec<Micros>,
     last_request: Instant,
     last_settings: Option<Settings>,
@@ -50,7 +50,7 @@ impl Bench {
         }
         let mut drive = Drive::new(bus);
         for setup in setups {
-            // The module recognises the end of a frame by itself, in t3.5.
+            // The module detects the end of a frame itself, after t3.5.
             let recognises = match setup.protocol {
                 Protocol::Rtu => setup.serial.t3_5(),
                 _ => Micros::ZERO,
@@ -85,7 +85,7 @@ impl Bench {
         bench
     }
 
-    /// The reference line, with as many modules as told of the EDA kind.
+    /// The reference line, with this many modules of the EDA kind.
     fn reference() -> Bench {
         Bench::new(&reference_setups(), Plan::default(), millis(5))
     }
@@ -118,7 +118,7 @@ impl Bench {
         self.tickets.insert(ticket, module);
     }
 
-    /// Switches an output, whichever, on or off.
+    /// Switches any output on or off.
     fn switch(&mut self, module: usize) {
         let outputs = u64::from(self.modules[module].setup().outputs);
         let channel = Channel::new(self.random(outputs) as u8).expect("a channel");
@@ -224,7 +224,7 @@ impl Bench {
         }
     }
 
-    /// The age of the oldest reading of a living module's, now and in the past.
+    /// The age of the oldest reading of a running module, now and in the past.
     fn oldest(&self, alive: impl Fn(usize) -> bool) -> Micros {
         let present = self
             .asked
@@ -246,7 +246,7 @@ impl Bench {
         self.spent.fill(Micros::ZERO);
     }
 
-    /// The latency that 99 of 100 commands keep, and the longest.
+    /// The p99 and the maximum latency of commands.
     fn p99(&mut self) -> (Micros, Micros) {
         self.latencies.sort();
         let at = self.latencies.len() * 99 / 100;
@@ -290,7 +290,7 @@ fn commands_are_answered_within_60_ms() {
     assert_eq!(bench.ends, BTreeMap::from([("readback".to_owned(), 2000)]));
 }
 
-/// "… <= 160 ms with one dead module", for one that was heard before and one that never was.
+/// "… <= 160 ms with one dead module", for one that had answered before and one that never had.
 #[test]
 fn commands_are_answered_within_160_ms_beside_a_dead_module() {
     for heard_before in [true, false] {
@@ -490,7 +490,7 @@ fn of_a_million_requests_none_is_too_early() {
 }
 
 /// The reply timeout is "learned: p99.9 of its own turnaround x 2, at least 20 ms, at most 300 ms";
-/// the time a lost reply costs shows it.
+/// the time that a lost reply costs shows it.
 #[test]
 fn the_reply_timeout_is_learned_within_its_bounds() {
     for (turnaround, waits) in [(5, 20), (30, 60), (100, 200), (140, 280), (200, 300)] {
@@ -527,14 +527,14 @@ fn the_reply_timeout_is_learned_within_its_bounds() {
     }
 }
 
-/// "Command time to live: 5 s, then `expired`, never sent"; a caller's own is kept too.
+/// "Command time to live: 5 s, then `expired`, never sent"; a caller's own deadline applies too.
 #[test]
 fn a_command_lives_five_seconds() {
     let mut bench = Bench::reference();
     let input = Input::Closed;
     bench.drive.input(input);
     bench.drive.input(Input::Opened);
-    // A line that is never silent lets nobody through.
+    // A line that is never silent lets no command through.
     let babbles_until = bench.now() + Micros::from_secs(8);
     bench.switch(0);
     let mut expired = None;

@@ -1,8 +1,8 @@
 //! Scenarios: text trace in, text trace out.
 //!
 //! Each file of `scenarios/` is a script, a line `---`, and the trace that the rules demand.
-//! `UPDATE=1 cargo test -p railbus-bus --test scenarios` writes the traces anew; whoever does so
-//! reads the difference and judges it by the rule in the file's heading.
+//! `UPDATE=1 cargo test -p railbus-bus --test scenarios` writes the traces anew; review the
+//! difference against the rule in the file's heading.
 //!
 //! The script, one thing a line, `#` begins a remark:
 //! - `config KEY=VALUE…`: `echo` (auto, on, off), `medium` (wire, buffered), `settle`,
@@ -66,7 +66,7 @@ fn every_scenario_goes_as_the_rules_demand() {
     assert!(wrong.is_empty(), "traces differ:\n{wrong}");
 }
 
-/// The lines from the first one that differs.
+/// The lines from the first that differs.
 fn difference(expected: &str, trace: &str) -> String {
     let same = expected
         .lines()
@@ -83,7 +83,7 @@ fn difference(expected: &str, trace: &str) -> String {
     text
 }
 
-/// What comes back after a frame.
+/// The reply to a frame.
 enum Answer {
     Alive,
     Pieces(Vec<(Micros, Vec<u8>)>),
@@ -105,7 +105,7 @@ struct Scenario {
     modules: Vec<Module>,
     actions: VecDeque<(Instant, Action)>,
     answers: VecDeque<Answer>,
-    /// What no module answers: of those that are mute.
+    /// Addresses that no module answers.
     unheard: Vec<Vec<u8>>,
     until: Instant,
     trace: String,
@@ -448,7 +448,7 @@ impl Scenario {
         let now = self.drive.now.0;
         let line = format!("{kind:<5} {text}");
         if kind == "rx" && self.trace.ends_with(&format!("{line}\n")) {
-            // Noise, which comes at every step: once is enough.
+            // Noise comes at every step: once is enough.
             return;
         }
         let _ = writeln!(self.trace, "{now:>9} {line}");
@@ -674,7 +674,7 @@ fn fault_text(fault: &Fault) -> String {
                 None => String::new(),
             };
             let (attempts, garbled, bytes) = (e.attempts, e.garbled, e.bytes);
-            // Where not all of them are alike.
+            // Where they are not all alike.
             let garbled = match garbled {
                 0 => String::new(),
                 all if all == attempts => String::new(),

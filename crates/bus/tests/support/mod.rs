@@ -1,5 +1,4 @@
-//! The driver of a line in virtual time, exactly as the real one goes about it, and modules that
-//! answer it.
+//! The driver of a line in virtual time, exactly as the real one does it, and modules that answer.
 #![allow(
     dead_code,
     unreachable_pub,
@@ -23,11 +22,11 @@ pub enum Happening {
     },
     /// The line heard these bytes.
     Heard(Vec<u8>),
-    /// The line told something.
+    /// The line reported an event.
     Told(Event),
 }
 
-/// A module that plays its part by the engine that the firmware has too.
+/// A module, simulated by the engine that the firmware has too.
 pub struct Player {
     pub engine: Engine,
     /// Whether it has power.
@@ -35,8 +34,7 @@ pub struct Player {
     wakes: Option<Instant>,
 }
 
-/// What the line will have heard, if anything, where the player of this number has sent these bytes
-/// by then.
+/// What the line will have received, if anything, where this station has sent these bytes by then.
 pub type Way = Box<dyn FnMut(usize, Instant, Vec<u8>) -> Option<Vec<u8>>>;
 
 /// A line, its driver, and everything at the other end of the wire.
@@ -44,11 +42,11 @@ pub struct Drive {
     pub bus: Bus,
     pub now: Instant,
     pub players: Vec<Player>,
-    /// The adapter gives back what is sent.
+    /// The adapter echoes.
     pub echoes: bool,
-    /// What becomes of the modules' replies on their way.
+    /// What happens to the modules' replies on their way.
     pub way: Option<Way>,
-    /// Until when anyone has talked, which is known only here.
+    /// The end of the last transmission, known to the test only.
     pub busy_until: Instant,
     arrivals: BinaryHeap<Reverse<(Instant, u64, Vec<u8>)>>,
     count: u64,
@@ -80,7 +78,7 @@ impl Drive {
         });
     }
 
-    /// Hands something to the line now; the driver drains it afterwards.
+    /// Feeds an input to the line now; the driver drains it afterwards.
     pub fn input(&mut self, input: Input<'_>) {
         self.bus.handle(self.now, input);
         self.drained = false;
@@ -91,7 +89,7 @@ impl Drive {
         self.drained = false;
     }
 
-    /// These bytes will have been heard at that moment.
+    /// These bytes will have been received at that moment.
     pub fn hear_at(&mut self, at: Instant, bytes: &[u8]) {
         self.count += 1;
         self.arrivals
@@ -141,7 +139,7 @@ impl Drive {
         }
     }
 
-    /// What happens next, until that moment; nothing when the moment has come.
+    /// What happens next, until that moment; `None` when it has come.
     pub fn step(&mut self, until: Instant) -> Option<Happening> {
         loop {
             if !self.drained {
@@ -197,7 +195,7 @@ impl Drive {
     }
 }
 
-/// So many milliseconds.
+/// This many milliseconds.
 pub const fn millis(count: u64) -> Micros {
     Micros::from_millis(count)
 }

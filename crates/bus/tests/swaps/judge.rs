@@ -1,4 +1,4 @@
-//! What is told, and whether it is so.
+//! The judge: what is reported, and whether it is true.
 
 use crate::dice::Dice;
 use crate::place::{Place, Who};
@@ -12,25 +12,26 @@ use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::rc::Rc;
 
-/// The right module counts as a stranger no longer than this after it came back.
+/// The maximum time that the right module is reported as another model after it came back.
 const ACCUSED_MAX: Micros = Micros::from_secs(4);
-/// With losses: no longer than this while nothing to it or of its is lost.
+/// With losses: the maximum time since the last loss of a frame to or from it.
 const ACCUSED_UNLOST_MAX: Micros = Micros::from_secs(6);
-/// Another model counts as online, and values of it are told, no longer than this after it
-/// answered and something had failed since the right one went. 0031 admits what it says while
-/// several questions in a row meet nobody, and until the one after that.
+/// The maximum time that another model is reported online, with values, after it answered and
+/// something had failed since the right one was removed. 0031 admits its values while several
+/// requests in a row are unanswered, and until the one after that.
 const NOTICED_MAX: Micros = Micros::from_millis(2500);
-/// No right module is unread for longer: others that are silent get their turns as well.
+/// The maximum time between two readings of a right module: other silent modules get their turns as
+/// well.
 const UNREAD_MAX: Micros = Micros::from_secs(8);
-/// How fast it has to answer for that. What does not hold today: a probe of one that is silent
-/// waits for less than 98 ms, and no longer than was learned from another model that was there
-/// first. A reply that comes later wakes a module only where no older request of its was left
-/// unanswered: else it is taken for the reply to that, and so is each one after it.
+/// How fast it has to answer for that. A known limit: a probe of a silent module waits for less
+/// than 98 ms, and no longer than was learned from another model that was there first. A later
+/// reply brings a module back only if no older request of its was left unanswered: otherwise it is
+/// taken for the reply to that, and so is each one after it.
 pub(crate) const IN_TIME: Micros = Micros::from_millis(60);
-/// Who stood there and was told of for so long does what it is told.
+/// A module that was present and reported for this long follows its commands.
 const HEALTHY: Micros = Micros::from_secs(1);
-/// A line is crowded by one command in less than so many milliseconds: there a command may wait in
-/// vain for its turn, and what a module is is asked later.
+/// A line is crowded if it has less than this many milliseconds per command: a command may then
+/// expire in the queue, and a module is asked for its model later.
 const CROWDED: u64 = 300;
 
 /// A command that has not ended.
@@ -39,14 +40,14 @@ pub(crate) struct Command {
     pub(crate) place: usize,
     pub(crate) op: Op,
     pub(crate) submitted: Instant,
-    /// An engine heard a frame of it, and one changed an output.
+    /// An engine received a frame of it, and one changed an output.
     pub(crate) heard: bool,
     pub(crate) acted: bool,
-    /// The right module heard one, and was as commanded after it.
+    /// The right module received one, and was as commanded after it.
     pub(crate) taken: bool,
 }
 
-/// A line, what happens to it, and what is to be said of it.
+/// A line, its events, and what may be reported about it.
 pub(crate) struct Judge {
     pub(crate) dice: Dice,
     pub(crate) drive: Drive,
@@ -55,7 +56,7 @@ pub(crate) struct Judge {
     pub(crate) commands: BTreeMap<Ticket, Command>,
     /// Requests and replies may be lost.
     pub(crate) lossy: bool,
-    /// So many milliseconds are between two commands on average.
+    /// The mean time between two commands in milliseconds.
     pub(crate) pause: u64,
     pub(crate) shows: bool,
     pub(crate) about: String,
@@ -76,7 +77,7 @@ impl Judge {
             .push(format!("at {} us: {text}", self.drive.now.0));
     }
 
-    /// A command was refused since another model is said to be there.
+    /// A command was refused because another model is reported there.
     pub(crate) fn refused(&mut self, index: usize) {
         let stay = self.places[index].stay();
         let age = self.drive.now.since(stay.since);
@@ -85,7 +86,7 @@ impl Judge {
         }
     }
 
-    /// The line told something: what always holds, and without losses the rest.
+    /// The line reported an event: checks what always holds, and without losses the rest.
     pub(crate) fn told(&mut self, event: Event) {
         self.show(|| format!("told {event:?}"));
         match event {
@@ -114,7 +115,7 @@ impl Judge {
         }
     }
 
-    /// A value: of the right module, or in time of another one.
+    /// A value: of the right module, or of another one within the limit.
     fn seen(&mut self, index: usize, outputs: Bank, inputs: Bank, span: (Instant, Instant)) {
         let (asked, heard) = span;
         let place = &mut self.places[index];
@@ -138,8 +139,8 @@ impl Judge {
         }
         let stay = place.stay_at(heard);
         let age = heard.since(stay.noticeable().unwrap_or(stay.since));
-        // What 0031 lets be told falsely: a swap between two exchanges without a miss, until the
-        // next miss; and a short while where several questions in a row met nobody.
+        // What 0031 lets be reported wrongly: a swap between two exchanges without a miss, until
+        // the next miss; and for a short time where several requests in a row were unanswered.
         if place.was_unnoticed(asked, heard) {
             self.tally.unnoticed_values += 1;
         } else if !self.lossy {
@@ -182,7 +183,7 @@ impl Judge {
                         was_there && place.were(Who::Right, want, since, now)
                     }
                     Op::Write(_) => command.taken,
-                    // Whatever is there may say what it is.
+                    // Either module may report its model.
                     Op::Identify => true,
                     _ => place.stood(Who::Right, since, now),
                 };
@@ -190,11 +191,11 @@ impl Judge {
                 } else if place.was_unnoticed(since, now) {
                     self.tally.unnoticed_commands += 1;
                 } else if (by_reply && place.came_back(since, now)) || (!by_reply && is_new) {
-                    // What does not hold today. A module that has just named itself is not asked
-                    // again for half a second, whatever fails meanwhile, and what another model
-                    // reads within that ends a command. And where another model acknowledged a
-                    // command, or one of its frames, the right one that names itself before it
-                    // has ended is taken for the one that did.
+                    // A known limit. A module that has just given its name is not asked again for
+                    // half a second, whatever fails meanwhile, and a reading of another model
+                    // within that ends a command. And where another model acknowledged a command,
+                    // or one of its frames, a right one that gives its name before the command has
+                    // ended is taken for the one that did.
                     self.tally.foreign_commands += 1;
                     self.show(|| format!("!!! let pass: {blame}"));
                 } else {
@@ -217,12 +218,12 @@ impl Judge {
         }
     }
 
-    /// How long another model may remain unnoticed.
+    /// How long another model may remain undetected.
     fn noticed_max(&self) -> Micros {
         NOTICED_MAX * if self.pause < CROWDED { 2 } else { 1 }
     }
 
-    /// How it all stands now.
+    /// The final state.
     pub(crate) fn look(&mut self) {
         let now = self.drive.now;
         let (mut faults, noticed_max) = (Vec::new(), self.noticed_max());

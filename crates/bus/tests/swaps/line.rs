@@ -13,10 +13,10 @@ use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::rc::Rc;
 
-/// So long each is played, and then left alone until every command has ended.
+/// Each line is played for this long, and then left alone until every command has ended.
 const PLAYED: Micros = Micros::from_secs(60);
 const LEFT_ALONE: Micros = Micros::from_secs(20);
-/// Nothing is swapped until each module was heard and its fence was tried.
+/// Nothing is swapped until each module has answered and its fence was tried.
 const SETTLED: Micros = Micros::from_secs(3);
 
 impl Judge {
@@ -165,7 +165,7 @@ impl Judge {
         }
     }
 
-    /// Takes down what the wire let through.
+    /// Records what the wire let through.
     pub(crate) fn note_replies(&mut self) {
         for index in std::mem::take(&mut self.wire.borrow_mut().lost) {
             self.places[index].lost = self.drive.now;
@@ -181,14 +181,14 @@ impl Judge {
         }
     }
 
-    /// One is taken away, or the next one is put there.
+    /// Removes one module, or installs the next.
     pub(crate) fn swap(&mut self, index: usize) {
         let now = self.drive.now;
         let (dice, place) = (&mut self.dice, &mut self.places[index]);
         let before = place.stay();
         let (who, lasts) = match before.who {
             Who::Nobody => {
-                // Who was there before is there again one time of three.
+                // With a probability of one third the previous module comes back.
                 let other = place.stay_at(Instant(before.since.0 - 1)).who == Who::Right;
                 let who = match other != dice.chance(333) {
                     true => Who::Other,
@@ -203,7 +203,7 @@ impl Judge {
             }
         };
         let missed = match (before.who, who) {
-            // Nothing is known of the right one yet.
+            // The right one has not been read yet.
             (_, Who::Right) | (Who::Right, _) => None,
             _ => before.missed,
         };
@@ -227,7 +227,7 @@ impl Judge {
         let (now, dice) = (self.drive.now, &mut self.dice);
         let index = dice.between(0, self.places.len() as u64 - 1) as usize;
         let is_write = |command: &Command| matches!(command.op, Op::Write(_));
-        // Two writes could not be told apart on the wire.
+        // Two identical writes could not be told apart on the wire.
         let writes = self.commands.values().filter(|command| is_write(command));
         let is_free = !writes.into_iter().any(|command| command.place == index);
         let op = match dice.between(0, 7) {
@@ -263,7 +263,7 @@ impl Judge {
         }
     }
 
-    /// A frame goes out, and reaches who is there.
+    /// A frame is sent, and reaches the modules present.
     pub(crate) fn request(&mut self, bytes: &[u8], end: Instant) {
         self.show(|| format!("asks {}", text(bytes)));
         let asked = self.drive.now;
@@ -319,8 +319,8 @@ impl Judge {
         self.note_outputs();
     }
 
-    /// Takes down which outputs have changed: over Modbus they do when silence has ended the
-    /// request, some milliseconds after it.
+    /// Records which outputs have changed: over Modbus they do when silence has ended the request,
+    /// some milliseconds after it.
     pub(crate) fn note_outputs(&mut self) {
         for (player, is) in self.drive.players.iter().enumerate() {
             let (index, who) = (player / 2, player % 2);

@@ -1,11 +1,12 @@
-//! Modules are taken away and others are put in their places, at any moment, from a seed; and a
-//! judge who knows none of the line's rules sees whether what is told is so (docs/decisions/0031).
+//! Modules are removed and others installed at their addresses, at any moment, from a seed; a judge
+//! that knows none of the line's rules checks whether what is reported is true
+//! (docs/decisions/0031).
 //!
-//! The judge knows what stands at each address, which engine heard and answered what, and how its
-//! outputs really are. With losses, of frames and of letters of a name, only that is asked which
-//! always holds: each command ends once, none that was heard ends as not sent, what is read back
-//! was so, and who is right is not a stranger for long once nothing is lost. What does not hold
-//! without losses either is said where it is let pass, in `judge.rs`.
+//! The judge knows which module is at each address, which engine received and answered what, and
+//! the true state of its outputs. With losses, of frames and of letters of a name, it checks only
+//! what always holds: each command ends once, none whose frame was received ends as not sent, what
+//! is read back was so, and the right module is not reported as another for long after the last
+//! loss. Known limits without losses are stated where they are accepted, in `judge.rs`.
 //!
 //! - `SWAPS_SEED=7 cargo test -p railbus-bus --test swaps -- --nocapture` does one line again and
 //!   shows what happens on it.
@@ -30,9 +31,9 @@ use judge::Judge;
 use std::fmt::Write;
 use tally::Tally;
 
-/// So many lines are played where nothing else is said.
+/// The number of lines played by default.
 const LINES: u64 = 150;
-/// Lines further on that alone, of the first thousands, showed that a rule was broken.
+/// Seeds further on that, among the first thousands, showed a broken rule.
 const KEPT: [u64; 2] = [444, 2450];
 
 /// A number from the environment.
@@ -71,10 +72,10 @@ fn play(test: &str, lossy: bool) -> Tally {
 #[test]
 fn whatever_is_swapped_is_told_as_it_is() {
     let tally = play("whatever_is_swapped", false);
-    // Where these do not happen, nothing was shown.
+    // If these do not happen, nothing was shown.
     if number("SWAPS_SEED").is_none() {
         assert!(tally.strangers > LINES && tally.done > 10 * LINES && tally.not_done > LINES);
-        // Where these are many, what is let pass below is too much.
+        // If these are frequent, too much is accepted.
         assert!(
             tally.unnoticed_values * 20 < tally.values
                 && tally.unnoticed_commands * 50 < tally.done

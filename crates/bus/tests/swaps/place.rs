@@ -1,11 +1,11 @@
-//! What the judge knows of each address: who stood there when, what was heard, and how the outputs
-//! were.
+//! What the judge knows of each address: which module was there when, what was received, and the
+//! state of the outputs.
 
 use railbus_bus::Presence;
 use railbus_device::{Bank, Module};
 use railbus_wire::Instant;
 
-/// What stands at an address. The numbers are those of the engines there.
+/// What is at an address. The numbers are those of the engines there.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Who {
     Right = 0,
@@ -13,22 +13,23 @@ pub(crate) enum Who {
     Nobody,
 }
 
-/// What stood at an address, and since when.
+/// What was at an address, and since when.
 #[derive(Debug)]
 pub(crate) struct Stay {
     pub(crate) who: Who,
     pub(crate) since: Instant,
-    /// When it was first seen that something asked there was not answered since the right module
-    /// went: from then on the line can know that it may have been replaced.
+    /// When a request to it was first seen unanswered since the right module was removed: from then
+    /// on the line can know that it may have been replaced.
     pub(crate) missed: Option<Instant>,
-    /// The end of its first reply that was heard.
+    /// The end of its first reply that was received.
     pub(crate) first: Option<Instant>,
-    /// When the first value of the right module was told.
+    /// When the first value of the right module was reported.
     pub(crate) told: Option<Instant>,
 }
 
 impl Stay {
-    /// From when on it can be known who is there: it has answered, and something has failed.
+    /// From when on it can be known which module is there: it has answered, and something has
+    /// failed.
     pub(crate) fn noticeable(&self) -> Option<Instant> {
         Some(self.first?.max(self.missed?))
     }
@@ -39,21 +40,22 @@ pub(crate) struct Place {
     pub(crate) address: u8,
     pub(crate) module: Module,
     pub(crate) stays: Vec<Stay>,
-    /// The outputs of both engines, since when.
+    /// The output states of both engines, with their times.
     pub(crate) outputs: [Vec<(Instant, u32)>; 2],
-    /// When it was last asked, when that had reached it, and whether nothing was heard from there
-    /// since.
+    /// When it was last addressed, when that had reached it, and whether nothing was received from
+    /// there since.
     pub(crate) asked: Instant,
     pub(crate) reached: Instant,
     pub(crate) unanswered: bool,
-    /// What was heard from there: whose it was, and its end.
+    /// What was received from there: which module sent it, and its end.
     pub(crate) replies: Vec<(Who, Instant)>,
-    /// When something to or from there was last lost.
+    /// When a frame to or from it was last lost.
     pub(crate) lost: Instant,
-    /// What the line told last of how it is, and when it last told a value of the right module.
+    /// The last presence that the line reported, and when it last reported a value of the right
+    /// module.
     pub(crate) presence: Presence,
     pub(crate) read: Instant,
-    /// Its replies may be too late for the line that asks whether it is back ([`IN_TIME`]).
+    /// Its replies may be too late for a probe ([`IN_TIME`]).
     pub(crate) is_late: bool,
     pub(crate) swap_at: Option<Instant>,
 }
@@ -63,13 +65,13 @@ impl Place {
         self.stays.last().expect("one at least")
     }
 
-    /// What stood there at that moment.
+    /// What was there at that moment.
     pub(crate) fn stay_at(&self, at: Instant) -> &Stay {
         let mut before = self.stays.iter().rev();
         before.find(|stay| stay.since <= at).expect("the first one")
     }
 
-    /// Whether this stood there at some moment between these.
+    /// Whether this was there at some moment between these.
     pub(crate) fn stood(&self, who: Who, from: Instant, to: Instant) -> bool {
         let ends = self.stays.iter().skip(1).map(|stay| stay.since);
         let ends = ends.chain([Instant(u64::MAX)]);
@@ -77,7 +79,7 @@ impl Place {
         stays.any(|(stay, end)| stay.who == who && stay.since <= to && end >= from)
     }
 
-    /// Whether these outputs of an engine were so at some moment between these.
+    /// Whether an engine's outputs had these states at some moment between these.
     pub(crate) fn were(&self, who: Who, outputs: Bank, from: Instant, to: Instant) -> bool {
         let known = &self.outputs[who as usize];
         let ends = known.iter().skip(1).map(|(since, _)| *since);
@@ -88,19 +90,19 @@ impl Place {
         })
     }
 
-    /// Whose reply was the last to be heard by then.
+    /// Which module's reply was the last received by then.
     pub(crate) fn answered_by(&self, by: Instant) -> Option<Who> {
         let mut replies = self.replies.iter().rev();
         replies.find(|(_, end)| *end <= by).map(|(who, _)| *who)
     }
 
-    /// From when on it could be known of the other model that was there last.
+    /// From when on the last other model could be detected.
     pub(crate) fn other_since(&self) -> Option<Instant> {
         let mut before = self.stays.iter().rev();
         before.find(|stay| stay.who == Who::Other)?.noticeable()
     }
 
-    /// Whether the right module came after another model, and was heard, between these.
+    /// Whether the right module came after another model, and was received, between these.
     pub(crate) fn came_back(&self, from: Instant, to: Instant) -> bool {
         let mut stays = self.stays.iter();
         let is_other = |stay: &Stay| stay.who == Who::Other;
@@ -109,8 +111,8 @@ impl Place {
             && stays.any(|stay| stay.who == Who::Right && is_heard(stay))
     }
 
-    /// Whether another model stood there at some moment between these that could not be noticed:
-    /// nothing asked there had failed since the right one went.
+    /// Whether another model was there at some moment between these that could not be detected: no
+    /// request to it had failed since the right one was removed.
     pub(crate) fn was_unnoticed(&self, from: Instant, to: Instant) -> bool {
         let ends = self.stays.iter().skip(1).map(|stay| stay.since);
         let ends = ends.chain([Instant(u64::MAX)]);

@@ -1,4 +1,4 @@
-//! What was seen on a line, and how near its limits came.
+//! What was counted on a line, and how near its limits came.
 
 /// What the judge counted, and how near its limits came.
 #[derive(Default)]
@@ -8,7 +8,7 @@ pub(crate) struct Tally {
     pub(crate) not_done: u64,
     pub(crate) strangers: u64,
     pub(crate) values: u64,
-    /// Of another model, where that could not be noticed, and within [`FOREIGN_MAX`].
+    /// Of another model: undetectable, or within [`FOREIGN_MAX`].
     pub(crate) unnoticed_values: u64,
     pub(crate) foreign_values: u64,
     pub(crate) unnoticed_commands: u64,

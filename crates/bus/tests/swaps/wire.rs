@@ -1,4 +1,4 @@
-//! The modules, and what the wire does to what they say.
+//! The modules, and what the wire does to their replies.
 
 use crate::dice::Dice;
 use crate::place::Who;
@@ -9,21 +9,21 @@ use railbus_wire::{Frame, Instant, Micros, crc16};
 
 /// The levels at the inputs of the right module, and of another one.
 pub(crate) const LEVELS: [u32; 2] = [1, 2];
-/// Only the right module ever has this output on, and nobody switches it.
+/// Only the right module ever has this output on, and no command switches it.
 pub(crate) const MARK: u32 = 8;
 
 /// What the wire does to replies, and what it let through.
 pub(crate) struct Wire {
     pub(crate) dice: Dice,
-    /// So many of a thousand frames are lost.
+    /// This many of a thousand frames are lost.
     pub(crate) loss: u64,
     pub(crate) in_place: Vec<Who>,
     pub(crate) renames: bool,
-    /// Who was heard, and when its reply ends.
+    /// Which module was received, and when its reply ends.
     pub(crate) heard: Vec<(usize, Instant)>,
     /// The places where something was lost.
     pub(crate) lost: Vec<usize>,
-    /// So many names were spoilt.
+    /// How many names were garbled.
     pub(crate) spoilt: u8,
 }
 
@@ -52,7 +52,7 @@ impl Wire {
         Some(bytes)
     }
 
-    /// In ASCII nothing shows that a name is spoilt, but that it is not so again.
+    /// In ASCII a garbled name shows only in not being repeated.
     fn spoil(&mut self, reply: &mut [u8]) -> bool {
         let is_name = matches!(reply, [b'!', _, _, b'9', b'0', b'5' | b'6', b'0', b'\r']);
         if is_name {
@@ -63,11 +63,11 @@ impl Wire {
     }
 }
 
-/// So many of a thousand names come spoilt where anything is lost.
+/// This many of a thousand names are garbled where anything is lost.
 const SPOILT: u64 = 100;
 
-/// Over Modbus an EDA9050 says nothing of itself. So the other model is there one that answers like
-/// an EDA9060A and gives another number.
+/// Over Modbus an EDA9050 does not identify itself. So the other model there is one that answers
+/// like an EDA9060A and reports another number.
 pub(crate) fn rename(reply: &mut [u8]) {
     let body = reply.len() - 2;
     let number = (3..body - 1).find(|at| reply[1] == 3 && reply[*at..at + 2] == [0x90, 0x60]);
@@ -78,7 +78,7 @@ pub(crate) fn rename(reply: &mut [u8]) {
     }
 }
 
-/// A module as it stands on a bench: its inputs at these levels, and the mark on or not.
+/// A module on a bench: its inputs at these levels, and the mark on or not.
 pub(crate) fn engine(setup: &Setup, who: Who, turnaround: Micros) -> Engine {
     let options = Options {
         turnaround,
