@@ -1,4 +1,4 @@
-//! A port of one's own, and what a line makes of one that is slow.
+//! A custom port, and how a line handles a slow one.
 
 mod support;
 
@@ -17,7 +17,7 @@ use support::{module, setup, soon};
 /// How long the task is held up between its decision to send and the sending.
 const HELD_UP: Duration = Duration::from_millis(30);
 
-/// A port that nobody answers. It notes when each frame begins and ends to be handed over.
+/// A port without modules. It records when each frame begins and ends to be handed over.
 #[derive(Clone, Default)]
 struct Slow {
     sent: Arc<Mutex<Vec<(Instant, Instant, usize)>>>,
@@ -80,7 +80,7 @@ async fn a_task_that_is_held_up_keeps_the_silence_all_the_same() {
     let sent = sent.lock().expect("a lock").clone();
     let (_, left_after, len) = sent[0];
     let (asked, ..) = sent[1];
-    // The frame takes its time from when it really left on, and then comes the board's gap.
+    // The frame's time counts from when it was really sent, and then comes the board's gap.
     let least = Settings::FACTORY.frame_time(len) + board.request_gap();
     assert!(asked - left_after >= Duration::from_micros(least.0));
     soon(line.close()).await;

@@ -1,4 +1,4 @@
-//! The line on real terminals, with modules played at the other end.
+//! The line on real terminals, with simulated modules at the other end.
 
 mod support;
 
@@ -37,7 +37,7 @@ fn outputs(seen: Option<Observation>) -> Bank {
     }
 }
 
-/// A line with an ERC-8 that is not polled, and its player.
+/// A line with an ERC-8 that is not polled, and its simulation.
 async fn quiet_line() -> (Line, Player, std::path::PathBuf) {
     let (master, path) = pty();
     let player = Player::start(master, &[erc8()], false);
@@ -75,7 +75,7 @@ const fn is_lost_reading(event: &LineEvent) -> bool {
 }
 
 /// How many readings of outputs were lost before a command ended with its reply alone. The last one
-/// ends it, and is told after that.
+/// ends it, and is reported after that.
 async fn readings_lost(events: &mut Events) -> usize {
     let mut lost = 0;
     loop {
@@ -105,8 +105,8 @@ async fn every_protocol_reads_and_writes() {
         soon(line.opened()).await.expect("open");
         let done = soon(line.run(FIRST, switch(1, true), Terms::default())).await;
         let done = done.unwrap_or_else(|fault| panic!("{setup:?}: {fault:?}"));
-        // Who has answered within microseconds is waited for 20 ms: a machine that runs the player
-        // later than that loses a reading, and after two the reply is all there is.
+        // A module that has answered within microseconds is waited for 20 ms: a machine that runs
+        // the simulation later than that loses a reading, and after two only the reply is left.
         if done.confirmed == Confirmed::Reply {
             assert_eq!(soon(readings_lost(&mut events)).await, 2, "{setup:?}");
         } else {
@@ -192,7 +192,7 @@ async fn a_port_that_vanished_comes_back_under_its_name() {
     let done = soon(line.run(FIRST, switch(0, true), Terms::default())).await;
     done.expect("written");
 
-    // Our end is closed and the name goes away, as when an adapter is pulled out.
+    // Our end is closed and the name disappears, as when an adapter is pulled out.
     std::fs::remove_file(&link).expect("no link");
     drop(player);
     let mut states = Vec::new();
@@ -263,7 +263,7 @@ async fn a_busy_port_names_its_holder() {
         }
         other => panic!("{other:?}"),
     }
-    // It waits its turn.
+    // It waits for its turn.
     let mut events = second.events();
     soon(line.close()).await;
     soon(until(&mut events, &mut Vec::new(), &LineState::Up)).await;
@@ -298,7 +298,7 @@ async fn a_terminal_is_left_as_it_was_found() {
     let before = tcgetattr(&master).expect("modes");
     let line = Line::open(config(serial(&path), &[erc8()], Plan::NEVER)).expect("a line");
     soon(line.opened()).await.expect("open");
-    // No driver of a pseudo-terminal grants anything.
+    // A pseudo-terminal's driver accepts no such setting.
     let granted = line.granted().expect("a driver was asked");
     assert!(!granted.low_latency && !granted.rs485);
     let open = tcgetattr(&master).expect("modes");
@@ -311,7 +311,7 @@ async fn a_terminal_is_left_as_it_was_found() {
     soon(line.opened()).await.expect("open");
 }
 
-/// Gives a terminal's device the time stamp of a write so long ago.
+/// Sets a terminal's time stamp to this long ago.
 fn written_ago(path: &Path, ago: Duration) {
     let then = SystemTime::now() - ago;
     let times = FileTimes::new().set_modified(then).set_accessed(then);
@@ -335,8 +335,8 @@ async fn a_terminal_that_was_written_to_lately_has_not_rested() {
     assert_ne!(port.past(), Past::Rested, "the system notes a write");
 }
 
-/// Who is killed takes nothing back. That somebody did not close the terminal in order shows to
-/// the next one, until so much time has passed that nothing late can come.
+/// A killed process cleans up nothing. That the terminal was not closed in order is seen by the
+/// next user, until enough time has passed that no late reply can come.
 #[tokio::test]
 async fn a_terminal_shows_that_it_was_not_given_up_in_order() {
     for settled in [true, false] {
@@ -352,7 +352,7 @@ async fn a_terminal_shows_that_it_was_not_given_up_in_order() {
             true => Past::Unknown,
             false => Past::Abandoned,
         };
-        // Who only opens and closes it changes nothing about that, nor does who only listens.
+        // Opening and closing it changes nothing about that, nor does listening.
         for listen_only in [false, true, false] {
             let options = SerialOptions {
                 listen_only,
@@ -459,7 +459,7 @@ fn probe(address: u8) -> Probe {
     }
 }
 
-/// Two who ask at once are each told of their own exchange, and who went away leaves his place.
+/// Two callers at the same time each get their own exchange, and a cancelled one frees its place.
 #[tokio::test]
 async fn probes_go_one_after_the_other() {
     let (line, player, _) = quiet_line().await;
@@ -476,7 +476,7 @@ async fn probes_go_one_after_the_other() {
         value: rtu::CoilValue::ON,
     };
     for _ in 0..40 {
-        // They wait behind the one that nobody answers, and are taken back before they are sent.
+        // They wait behind an unanswered one, and are cancelled before they are sent.
         let gone = line.probe(Probe {
             exchange: Exchange::rtu(Address(3), switch),
             changes: true,
@@ -546,7 +546,7 @@ async fn a_close_lets_commands_end() {
     let late = soon(line.run(FIRST, Op::ReadOutputs, Terms::default())).await;
     assert_eq!(late, Err(Fault::Closed));
     assert_eq!(soon(line.events().next()).await, None);
-    // To close twice does no harm.
+    // Closing twice does no harm.
     soon(line.close()).await;
     assert_eq!(player.stop()[0].outputs(), 0b10);
 }

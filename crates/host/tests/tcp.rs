@@ -129,7 +129,7 @@ async fn a_gateway_is_read_and_written() {
     let mut coils = 0;
     serve(stream, move |transaction, inside| {
         let [older, _] = transaction;
-        // A reply to an earlier request, which is nobody's.
+        // A reply to an earlier request, which is not pending any more.
         let stale = envelope([older.wrapping_add(1), 0], &[3, 1, 1, 0x55]);
         let reply = match *inside {
             [3, 1, 0, 60, 0, 8] => vec![3, 1, 1, coils],

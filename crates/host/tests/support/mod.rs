@@ -1,4 +1,4 @@
-//! Modules played by a thread, over a pseudo-terminal or a connection.
+//! Modules simulated by a thread, over a pseudo-terminal or a connection.
 #![allow(
     dead_code,
     unreachable_pub,
@@ -19,10 +19,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
-/// How long a test waits for what must come.
+/// How long a test waits for something that must come.
 pub const PATIENCE: Duration = Duration::from_secs(20);
 
-/// Waits for what must come, but not for ever.
+/// Waits for something that must come, with a timeout.
 pub async fn soon<T>(work: impl Future<Output = T>) -> T {
     let end = tokio::time::timeout(PATIENCE, work).await;
     end.expect("it did not come")
@@ -54,7 +54,7 @@ pub fn setup(family: Family, address: u8, protocol: Protocol) -> Setup {
     }
 }
 
-/// A module that is only spoken to when a test wants it.
+/// A module that is addressed only when a test wants it.
 pub fn module(setup: &Setup) -> Module {
     Module::new(*setup).expect("a possible module")
 }
@@ -70,14 +70,14 @@ pub fn config(name: LineName, setups: &[Setup], plan: Plan) -> LineConfig {
     setups.iter().fold(config, add)
 }
 
-/// Modules played by a thread until this is dropped or stopped.
+/// Modules simulated by a thread until this is dropped or stopped.
 pub struct Player {
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<Vec<Engine>>>,
 }
 
 impl Player {
-    /// Plays modules at our end of a pseudo-terminal or connection. With `paced` each byte
+    /// Simulates modules at our end of a pseudo-terminal or connection. With `paced` each byte
     /// takes its time, as on a wire.
     pub fn start(wire: OwnedFd, setups: &[Setup], paced: bool) -> Player {
         let stop = Arc::new(AtomicBool::new(false));
@@ -98,7 +98,7 @@ impl Player {
         }
     }
 
-    /// Ends it, closes its end, and gives back the modules.
+    /// Stops it, closes its end, and returns the modules.
     pub fn stop(mut self) -> Vec<Engine> {
         self.stop.store(true, Ordering::Relaxed);
         let thread = self.thread.take().expect("not stopped before");
@@ -147,7 +147,7 @@ impl Play {
                     self.pace(count);
                     self.tell(Input::Bytes(&buffer[..count]));
                 }
-                // Nobody has the other end open now.
+                // The other end is not open now.
                 Err(Errno::IO) => thread::sleep(Duration::from_millis(2)),
                 Err(_) => return,
             }
