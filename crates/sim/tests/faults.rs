@@ -10,7 +10,7 @@ use support::{Bench, hex, show};
 const RELAY_ON: &str = "01 05 00 3C FF 00 4C 36";
 const RELAY_2_ON: &str = "01 05 00 3D FF 00 1D F6";
 
-/// When the reply to a request sent at 100 ms begins where nothing goes wrong.
+/// When the reply to a request sent at 100 ms begins without faults.
 const REPLY_BEGINS: Instant = Instant(100_000 + 8_334 + 3_646);
 
 fn oven_with(faults: Faults) -> (Bench, ModuleId) {
@@ -22,7 +22,7 @@ fn oven_with(faults: Faults) -> (Bench, ModuleId) {
     (bench, oven)
 }
 
-/// Asks once with these faults: when the host heard what, and what was counted.
+/// Sends one request with these faults: when the host received what, and what was counted.
 fn asked(faults: Faults) -> (Vec<(Instant, String)>, Injected) {
     let (mut bench, _) = oven_with(faults);
     bench.send(&hex(RELAY_ON));
@@ -336,7 +336,7 @@ fn a_stuck_output_stays_as_it_is_though_the_module_says_yes() {
     assert_eq!(bench.ask_hex(RELAY_ON), RELAY_ON);
     assert_eq!(bench.ask_hex(RELAY_2_ON), RELAY_2_ON);
     assert_eq!(bench.line.engine(oven).outputs(), 0b10);
-    // It is the relay that is stuck, and a new start of the module does not free it.
+    // The relay itself is stuck, and a restart of the module does not free it.
     bench.act(oven, Act::Power(Power::Cycle));
     assert_eq!(bench.ask_hex(RELAY_ON), RELAY_ON);
     assert_eq!(bench.line.engine(oven).outputs(), 0);

@@ -1,4 +1,4 @@
-//! The line where nothing is made to go wrong: times, speeds, collisions, echo.
+//! The line without faults: times, speeds, collisions, echo.
 
 mod support;
 
@@ -115,8 +115,8 @@ fn two_requests_in_one_are_answered_while_the_second_is_sent() {
         let setup = Setup::new(Family::Eda9060a, Address(address));
         bench.add(&format!("pump{address}"), setup);
     }
-    // The first module answers at once, into the second request: neither is understood, and a
-    // host that sends hears only the end of it.
+    // The first module answers at once, into the second request: neither is understood, and a host
+    // that sends receives only the end of it.
     let heard = bench.ask(b"$016\r$026\r");
     assert!((1..=3).contains(&heard.len()), "{heard:?}");
     // With a pause both are.

@@ -1,4 +1,4 @@
-//! A run is its seed, and its trace tells it.
+//! A run is determined by its seed, and its trace shows it.
 
 mod support;
 
@@ -9,7 +9,7 @@ use support::{Bench, hex};
 
 const RELAY_ON: &str = "01 05 00 3C FF 00 4C 36";
 
-/// Everything goes wrong now and then.
+/// Every fault occurs now and then.
 fn all_faults() -> Faults {
     let now_and_then = Chance::percent(5);
     Faults {
@@ -72,7 +72,7 @@ fn another_seed_gives_another_run() {
     assert_ne!(trace(&run(7, Chunks::Whole)), trace(&run(8, Chunks::Whole)));
 }
 
-/// In which pieces characters are handed out changes nothing of what modules do, nor when.
+/// The pieces in which characters are delivered do not affect what modules do, nor when.
 #[test]
 fn pieces_change_nothing() {
     let run = |chunks| {

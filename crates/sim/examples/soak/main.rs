@@ -36,7 +36,7 @@ const CHECK: Size = Size {
 const EXCHANGES_MIN: u64 = 10_000_000;
 const FAULTS_MIN: u64 = 1_000_000;
 const LINE_HOURS_MIN: f64 = 150.0;
-/// Without ghosts the judge must find more than so many misattributed values.
+/// Without ghosts the judge must find more misattributed values than this.
 const WITHOUT_GHOSTS_MIN: u64 = 1_000;
 
 fn main() -> ExitCode {
@@ -149,7 +149,7 @@ fn say_sum(cells: &[Cell]) -> Report {
     sum
 }
 
-/// Nothing untrue was told; otherwise seed, commit, and how to see it again.
+/// Nothing untrue was reported; otherwise prints seed, commit, and how to reproduce it.
 fn is_true(cells: &[Cell], sum: &Report) -> Result<(), String> {
     let v = &sum.verdicts;
     if v.misattributed + v.falsely_confirmed + v.doubled == 0 {

@@ -1,37 +1,36 @@
 //! The judge. It knows what the modules really did and when, and nothing of the line master or
 //! of protocols: it imports neither.
 //!
-//! Whatever was told of a module must have been so at some moment between question and answer;
-//! a command that is said to be done must have been done; what must not be done twice must not
-//! have been.
+//! Whatever was reported of a module must have been so at some moment between request and reply; a
+//! command reported as done must have been done; what must not be done twice must not have been.
 
 use std::collections::{BTreeMap, VecDeque};
 
 /// How long the past of a module is kept, in microseconds.
 const MEMORY: u64 = 30_000_000;
 
-/// How many of what was found.
+/// The counts of what was found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Verdicts {
     /// Readings judged.
     pub(crate) readings: u64,
-    /// Readings of a value that was not so, though every character heard was as sent: another
+    /// Readings of a value that was not so, though every character was received as sent: another
     /// module's, or another moment's.
     pub(crate) misattributed: u64,
-    /// Readings of a value that was not so, where characters had been spoilt: the protocol's
-    /// checksum, if it has one, did not notice.
+    /// Readings of a value that was not so, where characters had been garbled: the protocol's
+    /// checksum, if it has one, did not detect it.
     pub(crate) undetected: u64,
     /// Commands that ended.
     pub(crate) commands: u64,
     /// Commands that were confirmed.
     pub(crate) confirmed: u64,
-    /// Confirmed, but not done, though every character heard was as sent.
+    /// Confirmed, but not done, though every character was received as sent.
     pub(crate) falsely_confirmed: u64,
-    /// The same where characters had been spoilt.
+    /// As above where characters had been garbled.
     pub(crate) confirmed_undetected: u64,
-    /// Actions of outputs that are only toggled or pulsed, beyond one for each command.
+    /// Actions of outputs that are only toggled or pulsed, more than one for each command.
     pub(crate) doubled: u64,
-    /// The same where characters had been spoilt: the module took one command for another.
+    /// As above where characters had been garbled: the module took one command for another.
     pub(crate) acted_undetected: u64,
 }
 
@@ -72,7 +71,7 @@ impl Past {
         }
     }
 
-    /// Whether it had, at some moment from `from` to `to`, a value that suits.
+    /// Whether it had, at some moment from `from` to `to`, a matching value.
     fn was(&self, from: u64, to: u64, suits: impl Fn(u32) -> bool) -> bool {
         let ends = self.0.iter().skip(1).map(|(at, _)| *at).chain([u64::MAX]);
         self.0
@@ -89,7 +88,7 @@ struct Truth {
     inputs: Past,
     analogs: [Past; 2],
     once_only: OnceOnly,
-    /// So many actions followed spoilt characters.
+    /// How many actions followed garbled characters.
     doubtful: u64,
 }
 
@@ -110,11 +109,11 @@ struct Wish {
     on: u32,
     since: u64,
     spoilt: u64,
-    /// So many actions it may still cause of outputs that act each time they are commanded.
+    /// How many actions it may still cause of outputs that act each time they are commanded.
     actions: u32,
 }
 
-/// What was told of a module.
+/// What was reported of a module.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Told {
     /// These outputs are so.
@@ -148,8 +147,8 @@ impl Oracle {
         });
     }
 
-    /// An output really went on or off; `spoilt` says whether characters were since the last
-    /// request.
+    /// An output really went on or off; `spoilt` says whether characters were garbled since the
+    /// last request.
     pub(crate) fn output(&mut self, at: u64, module: usize, bank: (u8, bool), spoilt: bool) {
         let (channel, on) = bank;
         let truth = &mut self.modules[module];
@@ -168,9 +167,9 @@ impl Oracle {
         outputs.becomes(at, outputs.is_now() & !(1 << channel));
     }
 
-    /// An output acted that does so each time it is commanded: on whose account? The oldest
-    /// command for it comes first; but what was spoilt on the way may have been another one, and
-    /// then the command that seems to have acted is still to come.
+    /// An output acted that does so each time it is commanded; by which command? The oldest one for
+    /// it comes first; but a garbled frame may have been another one, and then the command that
+    /// seems to have acted is still to come.
     fn acted(&mut self, at: u64, module: usize, spoilt: bool) {
         let doubtful = &mut self.modules[module].doubtful;
         *doubtful += u64::from(spoilt);
@@ -198,7 +197,7 @@ impl Oracle {
         self.modules[module].analogs[channel].becomes(at, value.into());
     }
 
-    /// Something was told of a module, asked for at `from` and heard at `to`.
+    /// Something was reported of a module, requested at `from` and received at `to`.
     pub(crate) fn told(&mut self, module: usize, told: Told, from: u64, to: u64, spoilt: bool) {
         let truth = &self.modules[module];
         let right = match told {
@@ -222,8 +221,8 @@ impl Oracle {
         }
     }
 
-    /// A command was given, for outputs of the mask to go to these states (an empty mask where
-    /// nobody can say which); `spoilt` counts the spoilt characters so far.
+    /// A command was given, for outputs of the mask to go to these states (an empty mask if they
+    /// are unknown); `spoilt` counts the garbled characters so far.
     pub(crate) fn commanded(
         &mut self,
         ticket: u64,

@@ -9,10 +9,10 @@ use railbus_sim as sim;
 use railbus_sim::Span;
 use railbus_wire::{Channel, Instant, Micros, Protocol, r55};
 
-/// What a run was asked to do.
+/// The parameters of a run.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Script {
-    /// For so long in virtual time.
+    /// The length in virtual time.
     pub(crate) time: Micros,
     /// The mean pause between commands.
     pub(crate) command_every: Micros,
@@ -20,13 +20,13 @@ pub(crate) struct Script {
     pub(crate) change_every: Micros,
     /// From one poll of a point to the next.
     pub(crate) poll_every: Micros,
-    /// Off only to see that the judge would notice.
+    /// Off only to check that the judge would detect it.
     pub(crate) ghosts: bool,
     /// The run ends at the first wrong thing, so that the trace ends there.
     pub(crate) stop_at_wrong: bool,
 }
 
-/// What came of a run.
+/// The result of a run.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Report {
     /// Requests sent.
@@ -68,11 +68,11 @@ struct Run {
     dice: Dice,
     report: Report,
     stalls: Option<Stalls>,
-    /// Until when all that is heard is held back.
+    /// Until when all received bytes are held back.
     stalled_until: Instant,
     next_stall: Instant,
     held_back: Vec<u8>,
-    /// Spoilt characters when the request under way began.
+    /// Garbled characters when the current request began.
     spoilt_at_request: u64,
     next_command: Instant,
     next_change: Instant,
@@ -145,7 +145,7 @@ impl Run {
         }
     }
 
-    /// Everything that is due now, then on to the next moment.
+    /// Does everything that is due now, then advances to the next moment.
     fn step(&mut self, script: &Script) {
         if self.next_change <= self.now {
             self.next_change = self.now + self.around(script.change_every);
@@ -178,7 +178,7 @@ impl Run {
         }
     }
 
-    /// From now on all that is heard is held back for a time.
+    /// Holds back all received bytes for a time.
     fn stall(&mut self) {
         let Some(stalls) = self.stalls else { return };
         let Span { from, to } = stalls.time;
@@ -195,7 +195,7 @@ impl Run {
         spoilt(self.line.injected(), self.line.collisions())
     }
 
-    /// Until the line master waits; when it wants to be woken.
+    /// Runs until the line master waits; returns its deadline.
     fn drain_bus(&mut self) -> Option<Instant> {
         loop {
             match self.bus.poll() {
@@ -213,7 +213,7 @@ impl Run {
         }
     }
 
-    /// Until the line waits (then when it wants to be woken), or something was heard.
+    /// Runs until the line waits (then returns its deadline), or something was received.
     fn drain_line(&mut self) -> Option<Instant> {
         loop {
             match self.line.poll() {
@@ -292,7 +292,7 @@ impl Run {
         }
     }
 
-    /// Somebody changes what lies at the inputs of all modules: each gets its own nonce.
+    /// Changes all modules' inputs: each gets its own nonce.
     fn change_inputs(&mut self) {
         for (index, id) in self.ids.iter().enumerate() {
             let setup = &self.setups[index];
@@ -372,7 +372,7 @@ impl Run {
         (Op::Write(bank), (wanted, bank.on))
     }
 
-    /// No more commands; those under way come to their end.
+    /// No more commands; pending ones come to their end.
     fn finish(mut self, script: &Script) -> Report {
         self.report.trace = self
             .line
@@ -394,7 +394,7 @@ impl Run {
     }
 }
 
-/// How many characters were spoilt so far, by whatever.
+/// How many characters were garbled so far, by any fault.
 const fn spoilt(injected: &sim::Injected, collisions: u64) -> u64 {
     collisions
         + injected.flips

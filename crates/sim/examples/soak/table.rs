@@ -1,4 +1,4 @@
-//! The table that is kept: faults x line -> rate, and what was told or done wrongly.
+//! The published table: faults x line -> rate, and what was reported or done wrongly.
 
 use crate::cells::Cell;
 use crate::run::Report;

@@ -1,4 +1,4 @@
-//! A host that asks, waits, and writes down what it hears.
+//! A host that sends requests, waits, and records what it receives.
 #![allow(
     dead_code,
     unreachable_pub,
@@ -9,7 +9,7 @@ use railbus_device::{Eeprom, Effect, Family, Options, Setup};
 use railbus_sim::{Act, Input, Line, LineConfig, ModuleId, Output};
 use railbus_wire::{Address, Instant, Micros, Settings};
 
-/// A line, its host, and everything that came of it so far.
+/// A line, its host, and everything that happened so far.
 pub struct Bench {
     pub line: Line,
     pub now: Instant,
@@ -68,7 +68,7 @@ impl Bench {
         self.drain();
     }
 
-    /// Sends, waits 300 ms, and gives back all that was heard meanwhile.
+    /// Sends, waits 300 ms, and returns all that was received meanwhile.
     pub fn ask(&mut self, bytes: &[u8]) -> Vec<u8> {
         self.heard.clear();
         self.send(bytes);
@@ -105,7 +105,7 @@ impl Bench {
         self.drain();
     }
 
-    /// Takes out all that came of it; gives back the deadline.
+    /// Drains all outputs; returns the deadline.
     fn drain(&mut self) -> Option<Instant> {
         loop {
             match self.line.poll() {
