@@ -1,4 +1,4 @@
-//! Capture files, ours and everybody's.
+//! Capture files, ours and those of other programs.
 
 use railbus_sniff::capture::{self, Broken, Damage, Direction, Packet, ReadStep, Reader};
 use railbus_wire::Instant;

@@ -1,9 +1,9 @@
-//! What a listener makes of lines good and bad.
+//! What a listener reports of good and bad lines.
 
 use railbus_sniff::{Flaw, Frame, FrameRole, Heard, Input, Listener, Output, Verdict};
 use railbus_wire::{Instant, Micros, Protocol, Settings, crc16};
 
-/// A line that is listened to, and its time.
+/// A line being listened to, and its time.
 struct Ear {
     listener: Listener,
     now: Instant,
@@ -266,7 +266,7 @@ fn noise_around_a_frame_does_not_hide_it() {
 #[test]
 fn a_frame_is_told_at_once_where_silence_shows_that_noise_before_it_had_ended() {
     let mut ear = Ear::new();
-    // The beginning of a reply of 69 bytes, one would think.
+    // Looks like the beginning of a reply of 69 bytes.
     ear.hear(&[0x01, 0x03, 0x40]);
     ear.pass(Micros::from_millis(6));
     ear.hear(&rtu(&[0x03, 0x01, 0x00, 0x3C, 0x00, 0x08]));
@@ -282,7 +282,7 @@ fn noise_is_cut_where_it_was_silent_and_an_envelope_alone_is_not_believed_in_it(
     ear.pass(Micros::from_millis(50));
     let lens: Vec<usize> = ear.frames().iter().map(|frame| frame.bytes.len()).collect();
     assert_eq!(lens, [2, 3]);
-    // The sum is right, the function is none: by chance once in 256 times.
+    // The sum is right, the function does not exist: that happens by chance once in 256 times.
     let mut ear = Ear::new();
     ear.frame(&[0x87, 0x55, 0x21, 0x99, 0, 0, 0, 0, 0x0F]);
     ear.pass(Micros::from_millis(50));
@@ -295,7 +295,7 @@ fn noise_is_cut_where_it_was_silent_and_an_envelope_alone_is_not_believed_in_it(
 #[test]
 fn a_board_is_not_waited_for_as_long_as_for_a_frame_cut_short() {
     let mut ear = Ear::new();
-    // Address 4 reads as a Modbus function, too.
+    // Address 4 can be read as a Modbus function as well.
     ear.hear(&[0x55, 0x04, 0x10, 0, 0, 0, 0, 0x69]);
     assert!(ear.words().is_empty());
     ear.pass(Micros::from_millis(6));
@@ -336,7 +336,7 @@ fn a_late_reply_is_a_reply_and_told_to_be_late() {
         ["ascii → 1 ok", "ascii missing", "ascii ← 1 ok"]
     );
     assert!(ear.frames()[1].late);
-    // Noise alone makes no reply late.
+    // Noise alone does not make a reply late.
     let mut ear = Ear::new();
     ear.frame(b"$016\r");
     ear.frame(&[0x87]);
