@@ -1,4 +1,4 @@
-//! Drives procedures on a simulated line in virtual time, and cuts them off wherever it is told to.
+//! Drives procedures on a simulated line in virtual time, and interrupts them at any act.
 
 #![allow(unreachable_pub, reason = "the files of a test see each other")]
 
@@ -9,7 +9,7 @@ use railbus_device::{Eeprom, Family, Options, Setup};
 use railbus_sim::{Act as Touch, Faults, Input, Line, LineConfig, ModuleId, Output, Power};
 use railbus_wire::{Address, Frame, Instant, Micros};
 
-/// What goes wrong at one act.
+/// What fails at one act.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Cut {
     /// The host dies before the act.
@@ -17,17 +17,17 @@ pub enum Cut {
     /// The host dies in the middle: half a record is on the disk, or half a frame on the wire.
     Half,
     /// The host dies after the act's own part: the record is on the disk, or the request was
-    /// heard and its reply is not.
+    /// received and its reply is not.
     After,
-    /// The host lives; the request is not heard, or the record can't be written.
+    /// The host goes on; the request is not received, or the record can't be written.
     Lost,
-    /// The host lives; the reply is not heard.
+    /// The host goes on; the reply is lost.
     ReplyLost,
-    /// The host lives; the module loses its power before the request.
+    /// The host goes on; the module loses power before the request.
     PowerBefore,
-    /// The host lives; the module loses its power in the middle of the request.
+    /// The host goes on; the module loses power in the middle of the request.
     PowerHalf,
-    /// The host lives; the module loses its power when it has heard the request.
+    /// The host goes on; the module loses power after receiving the request.
     PowerAfter,
 }
 
@@ -49,7 +49,7 @@ pub enum End<T> {
     Died,
 }
 
-/// One module and a stranger on a line, and a journal.
+/// One module and one of another model on a line, and a journal.
 pub struct Bench {
     pub line: Line,
     pub now: Instant,
@@ -60,9 +60,9 @@ pub struct Bench {
     pub acts: usize,
     /// How many frames were sent.
     pub frames: usize,
-    /// The module is switched off and on when that is asked for.
+    /// The module is switched off and on when the procedure asks for it.
     pub heeds: bool,
-    /// Requests that begin so are not heard.
+    /// Requests that begin with this are not received.
     pub deaf_to: Vec<u8>,
     cycled: bool,
 }
@@ -94,7 +94,7 @@ impl Bench {
             deaf_to: Vec::new(),
             cycled: false,
         };
-        // The window in which a board takes an address is over.
+        // The time in which a board accepts an address after power-up is over.
         bench.advance(Instant(11_000_000), &|_| false);
         bench
     }
@@ -119,7 +119,7 @@ impl Bench {
         self.advance(self.now + time, &|_| false);
     }
 
-    /// Runs a procedure; at the act of that number something goes wrong.
+    /// Runs a procedure; the act of that number fails.
     pub fn run<T>(&mut self, procedure: Procedure<T>, cut: Option<(usize, Cut)>) -> End<T> {
         self.run_asking(procedure, cut, &mut |_| true)
     }
@@ -220,7 +220,7 @@ impl Bench {
             self.power_cycle();
         }
         if cut == Some(Cut::PowerAfter) {
-            // It has heard the whole request, and does not answer any more.
+            // It has received the whole request, and no longer answers.
             self.advance(left + ask.settings.t3_5() + Micros(10), &|_| false);
             self.power_cycle();
         }
@@ -237,7 +237,7 @@ impl Bench {
         })
     }
 
-    /// Lets time pass, and gives back what was heard; no further than that is enough.
+    /// Lets time pass, and returns what was received; stops as soon as that is enough.
     fn advance(&mut self, end: Instant, enough: &dyn Fn(&[u8]) -> bool) -> Vec<u8> {
         let mut heard = Vec::new();
         loop {

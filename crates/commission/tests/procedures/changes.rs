@@ -44,7 +44,7 @@ fn every_family_is_read_in_every_protocol() {
             };
             let kept = found.unwrap().kept();
             assert_eq!(kept.address, Some(Address(5)), "{family} {protocol}");
-            // Another model in its place is told from it.
+            // Another model at its address is told apart from it.
             for other in Family::ALL {
                 let wrong = Setup {
                     protocol: *protocol,
@@ -79,7 +79,7 @@ fn an_address_where_somebody_answers_is_refused() {
             ..Setup::new(family, Address(1))
         };
         let mut bench = Bench::new(&setup, Options::default());
-        // The stranger speaks Modbus at 30, and is in no configuration.
+        // The other module speaks Modbus at 30, and is in no configuration.
         let refused = end(&mut bench, job(setup, "address=30"));
         assert!(matches!(refused, Err(Trouble::Taken(_))), "{refused:?}");
         assert_eq!(bench.journal, "");
@@ -87,7 +87,8 @@ fn an_address_where_somebody_answers_is_refused() {
     }
 }
 
-/// Whoever is there may be as slow as a line reckons with, in the same protocol or another.
+/// A module at the new address is found even if it is as slow as a line allows for, in the same
+/// protocol or another.
 #[test]
 fn an_address_where_somebody_answers_late_is_refused() {
     let families = [
@@ -99,7 +100,7 @@ fn an_address_where_somebody_answers_late_is_refused() {
     for late in [250, 400, 490, 700, 850] {
         for (protocol, family) in families.into_iter().take(3) {
             for (others, other) in families {
-                // Slower than 0.5 s, and of another protocol: he is interrupted.
+                // Slower than 0.5 s, and of another protocol: its reply is interrupted.
                 if late > 490 && others != protocol {
                     continue;
                 }
@@ -192,8 +193,8 @@ fn two_modules_on_one_address_are_not_written_to() {
                 .add(bench.now, "twin", &setup, other, options)
                 .unwrap();
             if turnaround == 40 && protocol == Protocol::Rtu {
-                // It hears the other's reply before its own has left, and gives it up: nobody can
-                // tell that it is there.
+                // It receives the other's reply before its own is sent, and drops its own: it can't
+                // be detected.
                 continue;
             }
             let refused = end(&mut bench, job(setup, "address=9"));
@@ -221,8 +222,8 @@ fn a_module_that_does_not_hear_the_write_is_unchanged() {
     assert_eq!(bench.journal, "");
 }
 
-/// Nobody acknowledges, and the module says that it is as it was: that is certain, and no recovery
-/// is needed.
+/// No acknowledgement, and the module reports its old values: that is certain, and no recovery is
+/// needed.
 #[test]
 fn a_write_that_is_lost_twice_is_no_mystery() {
     let setup = Setup::new(Family::Erc8, Address(1));
@@ -304,7 +305,8 @@ fn a_calibration_is_led_and_may_be_stopped() {
     assert!(bench.log().open().is_empty());
 }
 
-/// The address was changed, and the speed is refused by silence: the address goes back, too.
+/// The address was changed, and the speed is refused by silence: the address is changed back as
+/// well.
 #[test]
 fn a_change_that_can_not_be_finished_is_taken_back() {
     let setup = Setup::new(Family::Erc8, Address(1));
@@ -334,7 +336,7 @@ fn a_change_that_can_not_be_finished_is_taken_back() {
     assert_eq!(states, all);
 }
 
-/// A module far from where it should be is found, and only looked for where no other one is.
+/// A module far from where it should be is found, and searched only where there is no other one.
 #[test]
 fn a_lost_module_is_found_outwards() {
     let wanted = Setup::new(Family::Emd2a2q, Address(9));
@@ -358,7 +360,7 @@ fn a_lost_module_is_found_outwards() {
     assert_eq!(found.map(|found| found.place), Some(Place::of(&there)));
 }
 
-/// A module that speaks Modbus now keeps an ASCII checksum state, too, which no Modbus frame
+/// A module that speaks Modbus now also stores an ASCII checksum state, which no Modbus frame
 /// changes.
 #[test]
 fn the_ascii_checksum_state_stays_while_modbus_is_spoken() {
@@ -380,7 +382,7 @@ fn the_ascii_checksum_state_stays_while_modbus_is_spoken() {
         let ended = end(&mut bench, job(setup, "address=9 baud=4800")).unwrap();
         assert!(matches!(ended, Ended::Done(_)), "{protocol}: {ended:?}");
         assert!(bench.eeprom().checksum && bench.eeprom().address == Address(9));
-        // Cut short, it is known again, too.
+        // Interrupted, it is known again, too.
         let intent = bench.log().records[0].clone();
         let recovery = recover(intent, Vec::new(), setup, false, Vec::new());
         let End::Done(recovered) = bench.run(recovery, None) else {

@@ -1,6 +1,6 @@
-//! The host dies, frames get lost and modules lose their power, at every act of every change, in
-//! every family and protocol. Afterwards a recovery finds the module, and what the journal says
-//! of it is so.
+//! The host dies, frames get lost and modules lose power, at every act of every change, in every
+//! family and protocol. Afterwards a recovery finds the module, and what the journal says about it
+//! is true.
 
 use crate::bench::{Bench, CUTS, Cut, End};
 use railbus_commission::settings::Wanted;
@@ -12,7 +12,7 @@ use railbus_device::{Applies, Eeprom, Family, Options, Setup};
 use railbus_wire::{Address, Micros, Protocol};
 use std::io::Write;
 
-/// A change that is cut off at every act.
+/// A change that is interrupted at every act.
 struct Case {
     family: Family,
     protocol: Protocol,
@@ -98,7 +98,7 @@ impl Case {
     }
 }
 
-/// Where a module with this EEPROM is heard once it has started anew.
+/// Where a module with this EEPROM answers once it has restarted.
 fn place(eeprom: &Eeprom) -> Place {
     Place {
         address: eeprom.address,
@@ -113,7 +113,7 @@ fn holds(eeprom: &Eeprom, record: &Record, setup: &Setup, new: bool) -> bool {
     let spot = if new { &record.to } else { &record.from };
     let mut wanted = Wanted::default();
     for (name, values) in &record.set {
-        // `calibration` is no setting that one can write.
+        // `calibration` is not a setting that can be written.
         let _ = wanted.set(setup, name, &values[side]);
     }
     let pulse = Pulse {
@@ -125,7 +125,7 @@ fn holds(eeprom: &Eeprom, record: &Record, setup: &Setup, new: bool) -> bool {
         ..Default::default()
     };
     let wanted = wanted.over(&known).unwrap();
-    // LC-02 and Modbus frames tell no checksum state, and no case changes it there.
+    // LC-02 and Modbus frames don't show the checksum state, and no case changes it there.
     let there = spot.place().unwrap();
     there == place(eeprom)
         && wanted.pulse.is_none_or(|wanted| wanted == pulse)
@@ -161,7 +161,7 @@ fn check(bench: &Bench, before: &Eeprom, setup: &Setup, what: &str) {
     );
 }
 
-/// One run, cut off at one act in one way.
+/// One run, interrupted at one act in one way.
 fn cut_off(case: &Case, options: Options, at: usize, cut: Cut) {
     let setup = case.setup();
     let mut bench = Bench::new(&setup, options);
@@ -182,7 +182,7 @@ fn cut_off(case: &Case, options: Options, at: usize, cut: Cut) {
     check(&bench, &before, &setup, &what);
 }
 
-/// Recovers what is open, with the module in its place after one more start.
+/// Recovers open changes, with the module on the line after one more restart.
 fn recovered(bench: &mut Bench, setup: &Setup, what: &str) {
     for round in 0..2 {
         let Some(open) = bench.log().open().first().map(|record| (*record).clone()) else {
@@ -225,7 +225,7 @@ fn all_cuts(options: Options) -> usize {
     points
 }
 
-/// Prints how many there were, and refuses fewer than there must be.
+/// Prints how many there were, and fails if there are fewer than expected.
 fn told(points: usize, least: usize) {
     let _ = writeln!(std::io::stdout(), "{points} injection points");
     assert!(points >= least, "only {points} injection points");

@@ -1,5 +1,5 @@
-//! Changes of settings on simulated modules: what is said of a module is compared with what its
-//! EEPROM holds.
+//! Changes of settings on simulated modules: what is reported about a module is compared with its
+//! EEPROM.
 
 mod bench;
 mod changes;

@@ -1,11 +1,12 @@
-//! What is none of the five families is not written to, whatever it is taken for.
+//! Modules that are none of the five families are not written to, whatever they are taken for.
 
 use railbus_commission::settings::Wanted;
 use railbus_commission::{Act, By, Event, Heard, Job, Step, Trouble, change};
 use railbus_device::{Family, Setup};
 use railbus_wire::{Address, Frame, Instant, Micros, Protocol, crc16};
 
-/// Takes a slave for a module of that description and wants its address to be 9; how that ends.
+/// Takes a slave for a module with that description and tries to set its address to 9; returns how
+/// that ends.
 fn configured(setup: Setup, slave: &dyn Fn(&[u8]) -> Option<Vec<u8>>) -> Result<(), Trouble> {
     let mut procedure = change(Job {
         change: 1,
@@ -52,7 +53,7 @@ fn reply(address: u8, body: &[u8]) -> Vec<u8> {
     frame
 }
 
-/// Somebody who has everything, so much of it, or who is silent to what he lacks.
+/// A device that has everything, or this much of it, or that does not answer for what it lacks.
 fn plc(frame: &[u8], has: impl Fn(u8, u16, u16) -> bool, outside: Option<u8>) -> Option<Vec<u8>> {
     let word = |at: usize| u16::from_be_bytes([frame[at], frame[at + 1]]);
     let (address, function, start, count) = (frame[0], frame[1], word(2), word(4));
@@ -64,7 +65,7 @@ fn plc(frame: &[u8], has: impl Fn(u8, u16, u16) -> bool, outside: Option<u8>) ->
         return Some(reply(address, &[function | 0x80, outside?]));
     }
     let mut body = vec![function, len as u8];
-    // Register 1 is its own address, and codes that exist.
+    // Register 1 is its own address, with valid codes.
     let words = (start..).map(|at| [0, if at == 1 { u16::from(address) as u8 } else { 1 }]);
     match function {
         1 | 2 => body.extend(std::iter::repeat_n(0, len.into())),

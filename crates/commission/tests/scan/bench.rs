@@ -13,13 +13,13 @@ pub(crate) struct Ran {
     /// What was found, by speed, address and protocol.
     pub(crate) found: Vec<String>,
     pub(crate) all: Vec<Found>,
-    /// From the first question to the end.
+    /// From the first request to the end.
     pub(crate) took: Micros,
-    /// What it was thought to take at its beginning.
+    /// The estimate at its beginning.
     pub(crate) estimate: Micros,
-    /// After each question: what it took so far, and what was thought to be left.
+    /// After each request: the time so far, and the estimate of what is left.
     pub(crate) estimates: Vec<(Micros, Micros)>,
-    /// All frames that went out.
+    /// All frames that were sent.
     pub(crate) frames: Vec<Vec<u8>>,
     pub(crate) scanner: Scanner,
 }
@@ -29,12 +29,12 @@ pub(crate) struct Bench {
     pub(crate) now: Instant,
     bus: Bus,
     deadline: Option<Instant>,
-    /// Bytes heard since the last frame.
+    /// Bytes received since the last frame.
     heard: Vec<u8>,
     late: Vec<LateReply>,
     probed: Option<(Probed, Micros)>,
     frames: Vec<Vec<u8>>,
-    /// Whoever gives up his reply as soon as anybody talks, in whatever protocol.
+    /// A module that drops its reply as soon as anything else is sent, in any protocol.
     shy: Vec<ModuleId>,
     /// How often an output moved or a setting changed.
     pub(crate) moved: usize,
@@ -62,23 +62,23 @@ impl Bench {
         bench
     }
 
-    /// A module that begins to answer after so many milliseconds.
+    /// A module that begins to answer after this many milliseconds.
     pub(crate) fn add(&mut self, setup: &Setup, turnaround: u64) -> ModuleId {
         self.add_made_by(setup, turnaround, false)
     }
 
-    /// The same; it gives up its reply as soon as anybody talks.
+    /// As above, and it drops its reply as soon as anything else is sent.
     pub(crate) fn add_shy(&mut self, setup: &Setup, turnaround: u64) {
         let module = self.add(setup, turnaround);
         self.shy.push(module);
     }
 
-    /// A module of our own does what is beyond its datasheet.
+    /// Enables the extensions of one of our own modules.
     pub(crate) fn add_made_by(&mut self, setup: &Setup, turnaround: u64, us: bool) -> ModuleId {
         let options = Options {
             extensions: us,
             turnaround: Micros::from_millis(turnaround),
-            // Those whose datasheets say so.
+            // Families whose datasheets have them.
             insist_on_gap: matches!(setup.family, Family::Erc8 | Family::Emd2a2q),
             ..Options::default()
         };
@@ -115,7 +115,7 @@ impl Bench {
         self.drive(Scanner::new(scope), usize::MAX)
     }
 
-    /// Scans, but no more than so many questions.
+    /// Scans, but sends no more than this many requests.
     pub(crate) fn drive(&mut self, mut scanner: Scanner, questions: usize) -> Ran {
         let began = self.now;
         let estimate = scanner.progress().left;
@@ -168,7 +168,7 @@ impl Bench {
         }
     }
 
-    /// Does what the line says until it waits.
+    /// Executes the line's outputs until it waits.
     fn drain(&mut self) {
         loop {
             match self.bus.poll() {
@@ -202,7 +202,7 @@ impl Bench {
         }
     }
 
-    /// To the next moment at which anything happens.
+    /// Advances to the next moment at which anything happens.
     fn go_on(&mut self) {
         match self.line.poll() {
             Does::Heard { at, bytes } => {
@@ -236,7 +236,7 @@ const fn moves(effect: &Effect) -> bool {
     !matches!(effect, Effect::Led(_))
 }
 
-/// A module found in one line.
+/// A module found, as one line of text.
 pub(crate) fn told(found: &Found) -> String {
     let model = found.identity.model.as_deref().unwrap_or("?");
     let checksum = match found.checksum() {

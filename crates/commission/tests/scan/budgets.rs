@@ -1,5 +1,5 @@
-//! The reference line: 32 modules in four protocols. All are found, nothing is moved, and the
-//! time is within the budgets, in virtual time exactly.
+//! The reference line: 32 modules in four protocols. All are found, no output moves, and the time
+//! is within the budgets, exact in virtual time.
 
 use crate::bench::{Bench, Ran, module};
 use railbus_commission::scan::{Depth, Scope, Wish};
@@ -42,7 +42,7 @@ fn near(nth: usize, _: Family) -> u8 {
     u8::try_from(nth + 1).unwrap()
 }
 
-/// All over the addresses, but where the family has none there.
+/// Spread over all addresses that the family can have.
 fn far(nth: usize, family: Family) -> u8 {
     match family {
         Family::Erc8 | Family::Emd2a2q => near(nth, family),
@@ -72,7 +72,7 @@ fn expected(modules: &[(Setup, u64)]) -> Vec<String> {
         let (settings, address) = (setup.serial, setup.address.0);
         let (protocol, family) = (setup.protocol, setup.family);
         let model = match (family, protocol) {
-            // Nothing that it shows proves it.
+            // None of its replies proves the model.
             (Family::Eda9050, Protocol::Rtu) => "? could_be".to_owned(),
             _ => format!("{family} ok"),
         };
@@ -95,8 +95,8 @@ fn within(ran: &Ran, modules: &[(Setup, u64)], budget: Micros) {
     for (elapsed, left) in &ran.estimates {
         let end = (elapsed.0 + left.0) as f64 / 1e6;
         if elapsed.0 as f64 / 1e6 > took / 2.0 {
-            // What a module is asked once it is found is not foreseen: here half of the addresses
-            // have one that says over Modbus what it is only by several answers.
+            // The requests to a module after it was found are not in the estimate: here half of the
+            // addresses have a module whose model only several Modbus replies show.
             assert!((end / took - 1.0).abs() < 0.16, "{end} s of {took} s");
         }
     }
@@ -127,7 +127,7 @@ fn deep() {
     within(&ran, &modules, Micros::from_secs(8 * 60));
 }
 
-/// Two speeds, and relays that are on stay so.
+/// Two speeds, and relays that are on stay on.
 #[test]
 fn all_of_two_speeds_are_found_and_no_output_moves() {
     let bauds = [Baud::B9600, Baud::B19200];
@@ -160,7 +160,7 @@ fn all_of_two_speeds_are_found_and_no_output_moves() {
     assert_eq!(bench.moved, 0);
 }
 
-/// Nobody at all: the longest that a scan of the budgets can take.
+/// An empty line: the longest that a scan within the budgets can take.
 #[test]
 fn silence_everywhere_is_within_the_budgets_too() {
     for (depth, seconds) in [(Depth::Quick, 10), (Depth::Full, 80), (Depth::Deep, 480)] {

@@ -1,5 +1,4 @@
-//! Lines that are not as they should be: slow modules, two on one address, and modules that
-//! answer by no book.
+//! Lines with faults: slow modules, two on one address, and modules that follow no datasheet.
 
 use crate::bench::{Bench, module};
 use railbus_commission::scan::{Detail, Known, LeftOut, Scanner, Scope, Verdict, Wish};
@@ -15,7 +14,7 @@ fn quick() -> Scope {
     Scope::of(&Wish::default(), Vec::new())
 }
 
-/// Slower than silence is waited for, and not to be interrupted: none is lost, and none is taken
+/// Slower than the reply timeout, and not dropping their replies: none is missed, and none is taken
 /// for another.
 #[test]
 fn late_replies_are_found_and_no_other_in_their_place() {
@@ -83,7 +82,7 @@ fn two_modules_on_one_address_are_told_of() {
     }
 }
 
-/// A module that gives up its reply when somebody else talks is found where it is waited for.
+/// A module that drops its reply when anything else is sent is found where the scan waits for it.
 #[test]
 fn slow_modules_are_found_by_a_longer_wait() {
     let mut bench = Bench::new();
@@ -97,7 +96,7 @@ fn slow_modules_are_found_by_a_longer_wait() {
     assert_eq!(bench.scan(Scope::of(&patient, Vec::new())).found.len(), 2);
 }
 
-/// Its reply comes a second time: the line doubles, or there are two.
+/// Its reply comes twice: the line duplicates it, or there are two modules.
 #[test]
 fn a_module_that_answers_twice_is_told_of() {
     for (protocol, pause) in [
@@ -139,7 +138,7 @@ fn replies_that_differ_are_told_of_as_such() {
     assert_eq!(found.detail(), spoilt);
 }
 
-/// The only board answers wherever its address is; two of them shout at once.
+/// A single board answers wherever its address is; two of them collide.
 #[test]
 fn a_lone_board_is_found_beyond_the_addresses() {
     let mut bench = Bench::new();
@@ -152,7 +151,7 @@ fn a_lone_board_is_found_beyond_the_addresses() {
     bench.add(&at_9600(Family::R55, 78, Protocol::R55), 5);
     let ran = bench.scan(quick());
     assert_eq!((ran.found.len(), ran.scanner.is_crowded()), (0, true));
-    // Where two are known nobody asks.
+    // If two are known, the broadcast is not sent.
     let mut bench = Bench::new();
     bench.add(&at_9600(Family::R55, 1, Protocol::R55), 5);
     bench.add(&at_9600(Family::R55, 2, Protocol::R55), 5);
@@ -161,7 +160,7 @@ fn a_lone_board_is_found_beyond_the_addresses() {
     assert!(ran.frames.iter().all(|frame| frame.get(1) != Some(&245)));
 }
 
-/// An adapter that gives back what is sent changes nothing.
+/// An adapter that echoes changes nothing.
 #[test]
 fn an_echo_is_nobody() {
     let mut bench = Bench::new();
@@ -209,7 +208,7 @@ fn known_modules_come_first_and_are_compared() {
     assert_eq!(ran.frames[0][..2], [9, 1]);
 }
 
-/// A lone CR stands before every ASCII frame, and before no other.
+/// A lone CR is sent before every ASCII frame, and before no other.
 #[test]
 fn a_lone_cr_stands_before_ascii() {
     let ran = Bench::new().scan(quick());
@@ -227,7 +226,7 @@ fn a_lone_cr_stands_before_ascii() {
     assert!(ascii >= 64 && others >= 96, "{ascii} {others}");
 }
 
-/// Broken off anywhere and resumed, it finds the same as in one go.
+/// Interrupted anywhere and resumed, it finds the same as in one go.
 #[test]
 fn a_scan_that_was_broken_off_goes_on() {
     let line = || {
@@ -247,7 +246,7 @@ fn a_scan_that_was_broken_off_goes_on() {
         let (place, again) = first.scanner.place();
         let left: Vec<LeftOut> = first.scanner.left_out();
         assert!(questions > 0 || left.len() == 6, "{questions} {left:?}");
-        // Somebody takes some time to type it.
+        // The user takes some time to resume it.
         bench.now = bench.now + Micros::from_secs(1);
         let scanner = Scanner::resume(quick(), place, &again, first.all);
         let second = bench.drive(scanner, usize::MAX);
@@ -255,7 +254,7 @@ fn a_scan_that_was_broken_off_goes_on() {
     }
 }
 
-/// Modules that know how say what they are; the others are found as ever, and nothing moves.
+/// Modules that can identify themselves do; the others are found as before, and no output moves.
 #[test]
 fn modules_say_what_they_are_where_they_can() {
     let kinds = [

@@ -1,5 +1,5 @@
-//! Modules that are slow and give up their reply when somebody else talks, on a line on which
-//! nobody else is; and what it costs to wait for them.
+//! Slow modules that drop their reply when anything else is sent, on a line without other modules;
+//! and the cost of waiting for them.
 
 use crate::bench::{Bench, module};
 use railbus_commission::scan::{Depth, SLOW_TIMEOUT, Scanner, Scope, Step, Wish};
@@ -15,7 +15,7 @@ fn quick() -> Scope {
     Scope::of(&Wish::default(), Vec::new())
 }
 
-/// Where nobody else is, such a module is waited for as the factory sends it.
+/// On an otherwise empty line such a module is waited for at its factory settings.
 #[test]
 fn a_slow_module_of_the_factory_is_found_where_nobody_else_is() {
     for depth in [Depth::Quick, Depth::Full, Depth::Deep] {
@@ -35,7 +35,7 @@ fn a_slow_module_of_the_factory_is_found_where_nobody_else_is() {
             let mut bench = Bench::new();
             let setup = at_9600(family, 1, protocol);
             match protocol {
-                // Simulated ones give up their reply at any character, anyhow.
+                // Simulated ones drop their reply at any character anyway.
                 Protocol::Rtu | Protocol::R55 => _ = bench.add(&setup, 160),
                 Protocol::Ascii | Protocol::Lc02 => bench.add_shy(&setup, 160),
             }
@@ -45,19 +45,19 @@ fn a_slow_module_of_the_factory_is_found_where_nobody_else_is() {
             assert!(ran.scanner.is_slow(), "{protocol}: others may be there");
         }
     }
-    // The second is waited for, too.
+    // The second is waited for as well.
     let mut bench = Bench::new();
     bench.add_shy(&at_9600(Family::Eda9060a, 1, Protocol::Ascii), 160);
     bench.add_shy(&at_9600(Family::Eda9060a, 1, Protocol::Rtu), 160);
     assert_eq!(bench.scan(quick()).found.len(), 2);
-    // A lone board shows how slow the line is, wherever its address is.
+    // A single board shows how slow the line is, whatever its address.
     let mut bench = Bench::new();
     bench.add(&at_9600(Family::Eda9060a, 1, Protocol::Rtu), 160);
     bench.add(&at_9600(Family::R55, 77, Protocol::R55), 160);
     assert_eq!(bench.scan(quick()).found.len(), 2);
 }
 
-/// Where only few are asked, all of them are waited for, and there are no others.
+/// A scan of few addresses waits for all of them if no other module is found.
 #[test]
 fn the_few_that_are_asked_are_waited_for_where_nobody_is_found() {
     let wish = Wish {
@@ -82,8 +82,9 @@ fn the_few_that_are_asked_are_waited_for_where_nobody_is_found() {
     assert!(!ran.scanner.is_slow());
 }
 
-/// How many frames of a scan of nobody are there only because nobody was found, and how long those
-/// take: what is asked first, one at the end of each speed and the lone 0x55 board are not.
+/// How many frames of a scan of an empty line are sent only because nothing was found, and how long
+/// they take: the first requests, one at the end of each speed and that for a single 0x55 board are
+/// not among them.
 #[test]
 fn nobody_is_waited_for_a_few_times() {
     let wish = |depth, addresses: Option<Vec<u8>>| Wish {
@@ -122,7 +123,7 @@ fn nobody_is_waited_for_a_few_times() {
     }
 }
 
-/// The broadcast of the 0x55 boards is the last question, wherever somebody was found, be it late.
+/// The broadcast of the 0x55 boards is the last request if anything was found, even late.
 #[test]
 fn nobody_is_waited_for_where_somebody_was_found() {
     for (address, late) in [(32, 0), (1, 0), (1, 160), (7, 160)] {
@@ -143,12 +144,12 @@ fn nobody_is_waited_for_where_somebody_was_found() {
     let mut bench = Bench::new();
     bench.add(&at_9600(Family::R55, 77, Protocol::R55), 5);
     let ran = bench.scan(quick());
-    // Behind the broadcast only its state is asked, and once more is listened.
+    // After the broadcast only its state is read, and then it listens once more.
     assert_eq!((ran.found.len(), ran.frames.len()), (1, 6 * 32 + 2 + 2));
 }
 
-/// Broken off anywhere, with a question on the line or between two, it finds the same when it goes
-/// on, and says the same of it.
+/// Interrupted anywhere, with a request on the line or between two, it finds the same after
+/// resuming, and reports the same about it.
 #[test]
 fn a_scan_that_was_broken_off_while_it_waited_goes_on() {
     let two_of_the_factory = || {
@@ -157,7 +158,7 @@ fn a_scan_that_was_broken_off_while_it_waited_goes_on() {
         bench.add_shy(&at_9600(Family::Eda9060a, 1, Protocol::Rtu), 160);
         bench
     };
-    // As slow as anybody is waited for.
+    // As slow as a module that is still waited for.
     let one_very_slow = || {
         let mut bench = Bench::new();
         bench.add_shy(&at_9600(Family::Eda9060a, 1, Protocol::Ascii), 160);
@@ -202,8 +203,8 @@ fn a_scan_that_was_broken_off_while_it_waited_goes_on() {
     }
 }
 
-/// Whose first reply was lost is found by the second look. He is not slow, and yet the others are
-/// waited for: what befell him may have befallen them.
+/// A module whose first reply was lost is found by the second pass. It is not slow, and yet the
+/// others are waited for: their replies may have been lost as well.
 #[test]
 fn who_is_found_by_asking_again_is_not_called_slow() {
     for families in [
@@ -211,7 +212,7 @@ fn who_is_found_by_asking_again_is_not_called_slow() {
             (Family::Eda9060a, Protocol::Lc02),
             (Family::Eda9060a, Protocol::Rtu),
         ],
-        // The first of all, asked again at the end of the speed.
+        // The very first address, asked again at the end of the speed.
         [
             (Family::R55, Protocol::R55),
             (Family::Eda9060a, Protocol::Rtu),
@@ -230,7 +231,7 @@ fn who_is_found_by_asking_again_is_not_called_slow() {
         assert_eq!(ran.found.len(), 2, "{:?}", ran.found);
         assert!(!ran.scanner.is_slow());
     }
-    // So it is when it goes on that was broken off while it waited for the first of two.
+    // The same if it resumes after an interruption while waiting for the first of two.
     let mut bench = Bench::new();
     let mut scanner = bench.drive(Scanner::new(quick()), 6 * 32 + 2).scanner;
     assert!(matches!(scanner.next(bench.now), Step::Ask(_)));
@@ -242,8 +243,8 @@ fn who_is_found_by_asking_again_is_not_called_slow() {
     assert_eq!(ran.found.len(), 2, "{:?}", ran.found);
 }
 
-/// Who needs longer than a first question waits, and less than the silence that is believed, is as
-/// quick as most.
+/// A module slower than the first pass waits, but faster than the timeout of the second, counts as
+/// fast.
 #[test]
 fn who_answers_within_the_silence_is_not_called_slow() {
     for (family, protocol) in [
@@ -262,8 +263,8 @@ fn who_answers_within_the_silence_is_not_called_slow() {
     }
 }
 
-/// Whoever the second look finds is found by a scan that is told to wait as long as is suggested,
-/// be he as slow as anybody is waited for, and the speed low.
+/// A module found by the second pass is also found by a scan with the suggested wait, even if it is
+/// as slow as can be waited for, and the speed low.
 #[test]
 fn who_is_found_by_waiting_is_found_with_the_wait_that_is_suggested() {
     let few = Wish {
@@ -275,7 +276,7 @@ fn who_is_found_by_waiting_is_found_with_the_wait_that_is_suggested() {
         let protocols = [Protocol::Ascii, Protocol::Lc02, Protocol::Rtu];
         let found = |silence, protocol| {
             let mut bench = Bench::new();
-            // As long as it is waited for, less what the line takes to see it.
+            // As long as it is waited for, less what the line takes to detect it.
             bench.add_shy(&module(Family::Eda9060a, address, protocol, baud), 297);
             let wish = Wish {
                 silence,
@@ -291,7 +292,7 @@ fn who_is_found_by_waiting_is_found_with_the_wait_that_is_suggested() {
     }
 }
 
-/// What is told of the cost of the wait that is suggested.
+/// The reported cost of the suggested wait.
 #[test]
 fn the_wait_that_is_suggested_costs_minutes() {
     for (depth, seconds) in [(Depth::Quick, 79), (Depth::Full, 630), (Depth::Deep, 2_459)] {

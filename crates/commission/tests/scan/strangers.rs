@@ -1,12 +1,13 @@
-//! Modules that are none of the five families: none is given a family's name, and none hears
-//! anything but reads. They are plain maps here, in the shapes that boards of other makers have.
+//! Modules that are none of the five families: none is reported as one of the families, and none
+//! receives anything but reads. Here they are plain register maps like those of other makers'
+//! boards.
 
 use crate::bench::told;
 use railbus_bus::Probed;
 use railbus_commission::scan::{Found, Met, Scanner, Scope, Step, Wish};
 use railbus_wire::{Instant, Micros, Protocol};
 
-/// Who answers what to a request, address and CRC apart: `01 0000 0008` for eight coils.
+/// Replies to requests, without address and CRC: `01 0000 0008` for eight coils.
 type Slave<'a> = &'a mut dyn FnMut(&[u8]) -> Option<Vec<u8>>;
 
 fn with_crc(address: u8, body: &[u8]) -> Vec<u8> {
@@ -63,14 +64,15 @@ fn drive(scope: Scope, line: Slave<'_>) -> Vec<Found> {
     panic!("it never ends");
 }
 
-/// A map of a board: how many coils, inputs, registers from where, and what it says to all else.
+/// A board's map: how many coils, inputs, registers from where, and what it answers to everything
+/// else.
 struct Map {
     coils: &'static [(u16, u16)],
     inputs: &'static [(u16, u16)],
     words: &'static [(u16, &'static [u16])],
-    /// The exception for what lies outside; none where it is silent to that.
+    /// The exception for addresses outside; `None` if it does not answer to them.
     outside: Option<u8>,
-    /// The exception for functions that it does not have; none where it is silent to them.
+    /// The exception for functions it does not have; `None` if it does not answer to them.
     unknown: Option<u8>,
 }
 
@@ -216,7 +218,7 @@ fn no_stranger_is_given_the_name_of_a_family() {
     }
 }
 
-/// Nothing that an EDA9050 shows over Modbus is a sign of it alone.
+/// No Modbus reply of an EDA9050 is unique to it.
 #[test]
 fn a_board_that_is_silent_to_what_it_lacks_could_be_an_eda9050() {
     let board = Map {
@@ -230,7 +232,7 @@ fn a_board_that_is_silent_to_what_it_lacks_could_be_an_eda9050() {
     assert_eq!(found[0].identity.family, None);
 }
 
-/// A module that calls itself otherwise is no EDA module, however its name begins.
+/// A module with another name is no EDA module, however its name begins.
 #[test]
 fn a_name_is_compared_whole() {
     for (name, wanted) in [
@@ -253,7 +255,7 @@ fn a_name_is_compared_whole() {
     }
 }
 
-/// What an ERC-8 and an EMD-2A2Q answer.
+/// The replies of an ERC-8 and an EMD-2A2Q.
 const ERC8: Map = Map {
     coils: &[(60, 8)],
     words: &[(0, &[5, 1, 0])],
@@ -265,8 +267,8 @@ const EMD: Map = Map {
     ..MAP
 };
 
-/// A refusal that is lost once is asked for again; one that never comes proves nothing. One that
-/// is garbled is as good as lost.
+/// A refusal that is lost once is requested again; one that never comes proves nothing. A garbled
+/// one counts as lost.
 #[test]
 fn a_refusal_that_is_lost_is_asked_for_once_more() {
     let refusals: [(&Map, &str, &[&[u8]]); 2] = [
@@ -297,7 +299,7 @@ fn a_refusal_that_is_lost_is_asked_for_once_more() {
                         0 | 1 => format!("9600 8N1 005 rtu {model} ok"),
                         _ => "9600 8N1 005 rtu ? could_be".to_owned(),
                     };
-                    // Spoilt every time at the first question, it may be two modules.
+                    // Garbled every time at the first request: it may be two modules.
                     if garbled && times == 9 && lost[..] == [1, 0, 0, 0, 8] {
                         continue;
                     }
@@ -312,8 +314,8 @@ fn a_refusal_that_is_lost_is_asked_for_once_more() {
     }
 }
 
-/// A gateway answers for modules that it does not reach, and a spoilt request is told as such by
-/// some: neither is a refusal.
+/// A gateway answers for modules it can't reach, and some report a garbled request: neither is a
+/// refusal.
 #[test]
 fn a_gateway_that_reaches_nobody_is_no_module() {
     for why in [0x0A, 0x0B] {
