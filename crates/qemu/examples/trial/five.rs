@@ -78,7 +78,7 @@ impl Site<'_> {
         }
     }
 
-    /// The oven goes to another address, and stays there over a loss of power.
+    /// The oven is moved to another address, and stays there over a loss of power.
     fn change_address(&mut self) -> Result<(), String> {
         self.railbus(&["config", "set", "oven", "address=9", "--yes"])?;
         let hub = self.hub.clone();
@@ -103,7 +103,7 @@ impl Site<'_> {
         Ok(())
     }
 
-    /// The oven gets a host watchdog [BEYOND §3.1], which waits for the daemon from now on.
+    /// The oven gets a host watchdog [BEYOND §3.1], which the daemon feeds from now on.
     fn watch(&self) -> Result<(), String> {
         self.order("09 06 BE04 0081")?;
         self.order("09 06 BE01 0064")

@@ -79,7 +79,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// Whether a trial passes; says so, and what was seen.
+/// Whether a trial passes; prints that, and what was seen.
 fn run(name: &str, trial: Trial, world: &World) -> bool {
     let began = Instant::now();
     let result = trial(world);

@@ -57,7 +57,7 @@ impl Life {
     }
 }
 
-/// Replies and outputs are the same.
+/// Compares replies and outputs.
 pub(crate) fn the_same_bytes_get_the_same_replies(world: &World) -> Result<String, String> {
     let requests = random::requests()?;
     let lives = Life::all();
@@ -92,7 +92,7 @@ pub(crate) fn the_same_bytes_get_the_same_replies(world: &World) -> Result<Strin
         lives.len(),
         told.collect::<Vec<_>>().join(", ")
     );
-    // What nobody answers would prove nothing.
+    // Frames without any reply would prove nothing.
     let answered = counts.iter().all(|count| count.replies > count.frames / 5);
     if failures.is_empty() && answered {
         Ok(done)

@@ -1,8 +1,8 @@
-//! `railbus serve` tells nothing of five boards that is not so, while they lose their power and
-//! the line spoils characters: what their chips show from outside is held against it by the judge
-//! of the soak, and by the questions that only here can be asked.
+//! Whether everything `railbus serve` reports of five boards is true, while they lose power and the
+//! line garbles characters: what their chips show from outside is compared with it by the judge of
+//! the soak, and by checks that are possible only here.
 //!
-//! The plan comes from a seed, which `TRIAL_SEED` brings back; what time does to it does not.
+//! The plan comes from a seed, which `TRIAL_SEED` reproduces; the timing is not reproduced.
 
 mod order;
 mod plant;
@@ -14,17 +14,17 @@ use plant::{Plant, Reading, Seat};
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-/// So often modules lose their power.
+/// How often modules lose power.
 const OUTAGES: usize = 6;
 
-/// So many commands of each other module must end well in each outage.
+/// This many commands of each other module must succeed in each outage.
 const OTHERS: usize = 2;
 
-/// What must come may take so long.
+/// The time limit for anything expected.
 const PATIENCE: Duration = Duration::from_secs(90);
 
-/// Of the commands for modules that have power so many in a hundred must end well. Spoilt
-/// characters and a busy machine take their share.
+/// The percentage of the commands for powered modules that must succeed. Garbled characters and a
+/// busy machine take their share.
 const WELL: usize = 70;
 
 /// Commands, power cuts and good readings of them that have to be judged at the least.

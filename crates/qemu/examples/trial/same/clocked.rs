@@ -1,5 +1,5 @@
-//! What runs by the clock. Virtual and real time don't agree, so nothing is looked at near its end:
-//! while it surely runs still, and when it surely is over.
+//! What depends on the clock. Virtual and real time don't agree, so nothing is checked near its
+//! end: only while it is certainly still running, and when it is certainly over.
 
 use super::pair::{Count, Pair};
 use crate::World;
@@ -134,7 +134,7 @@ fn pulses(pair: &mut Pair, dice: &mut Dice, time: u64, protocol: Protocol) -> Re
     during_and_after(pair, time, read)
 }
 
-/// The host falls silent: the outputs stay for a while, and go to their safe states.
+/// The host stops: the outputs stay for a while, and go to their safe states.
 fn watchdog(pair: &mut Pair, dice: &mut Dice, time: u64, setup: Setup) -> Result<(), String> {
     let outputs = u64::from(setup.output_mask());
     let tenths = (time / 100).min(255);
@@ -149,7 +149,7 @@ fn watchdog(pair: &mut Pair, dice: &mut Dice, time: u64, setup: Setup) -> Result
     ask(pair, &format!("01 06 BE01 {tenths:04X} crc"))?;
     ask(pair, &switch)?;
     during_and_after(pair, time, "01 03 BE00 0006 crc")?;
-    // It has tripped: nobody switches anything before it is cleared.
+    // It has tripped: no output can be switched before it is cleared.
     for tried in [
         &switch,
         "01 06 BE01 0000 crc",

@@ -53,8 +53,8 @@ impl Pair {
         ))
     }
 
-    /// So much time passes for both, in which both say the same, mostly nothing; then their
-    /// outputs are the same, within the patience that one has with the board.
+    /// Lets this time pass for both, in which both send the same, mostly nothing; then their
+    /// outputs are the same, within the tolerance for the board.
     pub(super) fn wait(&mut self, millis: u64) -> Result<(), String> {
         let Ok(expected) = self.simulated.wait(millis);
         let said = self.board.wait(millis).map_err(said)?;

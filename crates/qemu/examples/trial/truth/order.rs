@@ -1,4 +1,4 @@
-//! What is asked of a module's outputs, and what is told of its end.
+//! Commands for a module's outputs, and their reported ends.
 
 use crate::dice::Dice;
 use crate::http::Ask;
@@ -15,13 +15,13 @@ pub(super) struct Order {
     named: u32,
 }
 
-/// What was told of its end.
+/// The reported end of a command.
 pub(super) struct Told {
     /// `readback`, `reply`, or the code of what went wrong.
     pub(super) how: String,
-    /// It is said to be done.
+    /// It is reported as done.
     pub(super) done: bool,
-    /// These outputs are said to be in these states now.
+    /// The reported states of these outputs.
     pub(super) now: (u32, u32),
 }
 
@@ -71,7 +71,7 @@ impl Order {
         }
     }
 
-    /// What an answer tells of it.
+    /// Reads an answer.
     pub(super) fn told(&self, setup: &Setup, answer: &str) -> Result<Told, String> {
         let answer: Value =
             serde_json::from_str(answer).map_err(|error| format!("{answer}: {error}"))?;

@@ -1,4 +1,4 @@
-//! The boards with their power and their line, and the judge who sees all of it.
+//! The boards with their power and their line, and the judge that sees all of it.
 
 use super::order::{Order, once_only};
 use crate::dice::Dice;
@@ -14,10 +14,10 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
-/// One character in so many is lost or has a wrong bit.
+/// One in this many characters is lost or has a wrong bit.
 const SPOILT: u64 = 400;
 
-/// A spoilt character does its harm within this time, in microseconds.
+/// A garbled character has its effect within this time, in microseconds.
 const HARM: u64 = 1_000_000;
 
 /// The firmware looks at its inputs no longer than 5 ms before the request that asks for them; in
@@ -70,15 +70,15 @@ pub(super) struct End {
     pub(super) lit: bool,
 }
 
-/// A value as it is told.
+/// A value as reported.
 pub(super) struct Reading {
     pub(super) seat: usize,
     pub(super) good: bool,
-    /// When it was asked for at the earliest.
+    /// The earliest time of its request.
     pub(super) from: u64,
 }
 
-/// What was spoilt on the line: how many characters, and when the last one was.
+/// What was garbled on the line: how many characters, and when the last one was.
 #[derive(Default)]
 struct Spoilt {
     count: AtomicU64,
@@ -160,7 +160,7 @@ impl Plant {
         micros(self.began)
     }
 
-    /// How many characters were spoilt so far.
+    /// How many characters were garbled so far.
     pub(super) fn spoilt(&self) -> u64 {
         self.spoilt.count.load(Ordering::SeqCst)
     }
@@ -210,7 +210,7 @@ impl Plant {
         if dark && (told.done || mask != 0) {
             return Err(format!("without power all the while, and yet {answer}"));
         }
-        // Nobody else commands this module: what is told must be so still.
+        // This module has no other commands: what is reported must still be so.
         let other = (shown ^ on) & mask | (shown ^ order.wish.1) & order.wish.0;
         if lit && told.done && !spoiling && other != 0 {
             return Err(format!("{answer}, but its board shows {shown:08b}"));
@@ -218,7 +218,7 @@ impl Plant {
         Ok(())
     }
 
-    /// Looks at a board's outputs from outside, and tells the judge.
+    /// Reads a board's outputs from outside, and reports them to the judge.
     fn look(&self, seat: &Seat) -> Result<u32, String> {
         self.look_at(seat, &mut lock(&seat.post))
     }
@@ -310,7 +310,7 @@ impl Plant {
         let seat = self.seats.iter().find(|seat| seat.name == module);
         let seat = seat.ok_or_else(|| format!("no module has {point}"))?;
         let good = point["quality"] == "good";
-        // An age is told in whole milliseconds that have passed.
+        // Ages are reported in whole milliseconds, rounded down.
         let age = point["age_ms"].as_u64().map_or(asked, |ms| (ms + 1) * 1000);
         let from = asked.saturating_sub(age);
         if good {
@@ -326,7 +326,7 @@ impl Plant {
         Ok(Reading { seat, good, from })
     }
 
-    /// Who finds that something is wrong says so; the first one counts.
+    /// Records that something is wrong; the first one counts.
     fn found_wrong(&self, what: String) {
         lock(&self.wrong).get_or_insert(what);
     }
@@ -340,7 +340,7 @@ impl Plant {
         }
     }
 
-    /// No more commands; those under way come to their end.
+    /// No more commands; pending ones come to their end.
     pub(super) fn stop(&self) {
         self.over.store(true, Ordering::SeqCst);
     }
@@ -359,13 +359,13 @@ impl Plant {
         records.collect()
     }
 
-    /// Who knows what is so.
+    /// Access to the judge.
     pub(super) fn judge(&self) -> MutexGuard<'_, Oracle> {
         lock(&self.judge)
     }
 }
 
-/// What a point is told to be, and how much before its request that may have been looked at.
+/// A reported point, and how much before its request the module may have sampled it.
 fn told(seat: &Seat, point: &Value) -> Result<(Told, u64), String> {
     let label = point["label"].as_str().unwrap_or_default();
     let known = seat.setup.point(label);
