@@ -9,7 +9,7 @@ use std::fmt::Write;
 const FAMILIES: [&str; 5] = ["eda9060a", "eda9050", "erc8", "r55", "emd2a2q"];
 const MODULES: usize = 40;
 
-/// What hangs on the lines: all of it new, and without power.
+/// The modules on the lines: all new, and without power.
 fn plant(site: &Site) -> String {
     let mut text = String::new();
     for line in ["north", "south"] {

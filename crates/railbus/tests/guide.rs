@@ -72,7 +72,7 @@ fn played(lang: &str, text: &str) -> String {
     whole
 }
 
-/// A talk over a WebSocket: as many messages are waited for as the page shows.
+/// A conversation over a WebSocket: as many messages are awaited as the page shows.
 fn talked(shell: &Shell, path: &str, body: &str) -> String {
     let mut client = shell.websocket(path);
     let mut said = String::new();
@@ -90,7 +90,7 @@ fn talked(shell: &Shell, path: &str, body: &str) -> String {
     said
 }
 
-/// The first line that differs is all that one wants to see of a page.
+/// Only the first differing line of a page is shown.
 fn same(path: &Path, shown: &str, printed: &str) {
     let page = path.display();
     for (at, (shown, printed)) in shown.lines().zip(printed.lines()).enumerate() {
@@ -115,7 +115,7 @@ fn try_out(lang: &str) {
         let played = played(lang, &text);
         commands += played.lines().filter(|line| line.starts_with("$ ")).count();
         if std::env::var_os("UPDATE").is_some() {
-            // A page of which only times have changed stays as it is.
+            // A page in which only times have changed stays as it is.
             if calm(&text) != calm(&played) {
                 std::fs::write(&path, played).expect("the guide is ours");
             }
@@ -156,8 +156,8 @@ fn heading(table: &str, lang: &str) -> String {
     }
 }
 
-/// Every key that the reader of a configuration knows has its line in the reference, with its
-/// values, its default and its meaning, and the reference has no others.
+/// Every configuration key has its line in the reference, with its values, its default and its
+/// meaning, and the reference has no others.
 #[test]
 fn every_key_of_the_configuration_is_in_the_reference() {
     for lang in ["en", "zh"] {
@@ -189,7 +189,7 @@ fn every_key_of_the_configuration_is_in_the_reference() {
     }
 }
 
-/// Who reads one of them must not miss a chapter or a command of the other.
+/// A reader of one language must not miss a chapter or a command of the other.
 #[test]
 fn both_guides_have_the_same_pages_and_commands() {
     let commands = |path: &PathBuf| -> Vec<String> {

@@ -1,4 +1,4 @@
-//! The service: what systemd hears from the daemon, and what it thinks of the unit.
+//! The service: what the daemon reports to systemd, and systemd's rating of the unit.
 
 use rustix::process::{Pid, Signal, kill_process};
 use std::os::unix::net::UnixDatagram;
@@ -62,7 +62,7 @@ fn the_unit_is_well_confined() {
         .arg(format!("--threshold={EXPOSURE_MAX}"))
         .arg(UNIT)
         .output();
-    // Where systemd is not, nobody judges.
+    // Without systemd there is no rating.
     if let Ok(judged) = judged {
         let told = String::from_utf8_lossy(&judged.stdout).into_owned();
         assert!(judged.status.success(), "{told}");

@@ -1,5 +1,5 @@
-//! `railbus sim plant.toml` with the real program: lines, orders and faults as a person, a script
-//! and a client of the line meet them.
+//! `railbus sim plant.toml` with the real program: lines, orders and faults as used by a person, a
+//! script and a client of the line.
 
 use rustix::process::{Pid, Signal, kill_process};
 use std::io::{BufRead, BufReader, Read, Write};
@@ -50,7 +50,7 @@ address = 5
 sim.inputs = { ai1 = 8.71 }
 "#;
 
-/// A folder of its own with a plant's file, and the simulator that was started in it.
+/// A folder with a plant's file, and the simulator that was started in it.
 struct Plant {
     folder: PathBuf,
     sim: Option<Child>,
@@ -364,7 +364,7 @@ fn each_line_typed_is_answered_by_one_line() {
         "error[E0290]: unknown command \"frob\"; try help"
     );
     assert!(plant.type_in("help").contains("fault tank mute 10s"));
-    // The end of a pipe is not the end of the plant.
+    // The end of a pipe does not end the plant.
     plant.stdin = None;
     assert_eq!(plant.order("power pump cycle"), "pump: power-cycled");
     assert_eq!(plant.order("quit"), "simulator stopped");
@@ -613,7 +613,7 @@ fn a_line_may_be_on_a_pty_and_on_tcp() {
     let patience = Some(Duration::from_secs(60));
     client.set_read_timeout(patience).expect("a timeout");
     assert_eq!(plant.get("pump.di0"), "off");
-    // Who is on TCP heard that.
+    // Clients on TCP received that.
     let mut heard = [0; 2];
     client.read_exact(&mut heard).expect("the line");
     assert!(plant.order("show pump").contains("; replies "));

@@ -1,4 +1,4 @@
-//! `railbus sim` as a foreign master meets it: a link to a PTY, and raw bytes over TCP. Nothing
+//! `railbus sim` as a third-party master sees it: a link to a PTY, and raw bytes over TCP. Nothing
 //! here uses a crate of railbus.
 
 use rustix::process::{Pid, Signal, kill_process};
@@ -13,10 +13,10 @@ use std::time::{Duration, Instant};
 /// Relay 1 of `oven` on, answered by its echo.
 const OVEN_ON: [u8; 8] = [0x03, 0x05, 0x00, 0x3C, 0xFF, 0x00, 0x4D, 0xD4];
 
-/// The silence that the ERC-8 wants before a request, the longest of the five.
+/// The silence that the ERC-8 needs before a request, the longest of the five.
 const GAP: Duration = Duration::from_millis(20);
 
-/// A simulator that is stopped at the end of the test, however that comes.
+/// A simulator that is stopped at the end of the test, however it ends.
 struct Sim {
     child: Child,
     link: PathBuf,
@@ -38,7 +38,7 @@ impl Sim {
             .spawn()
             .expect("railbus starts");
         let mut stdout = BufReader::new(child.stdout.take().expect("it is piped"));
-        // What is served is told once it can be reached.
+        // The addresses are printed once they can be reached.
         let mut tcp = String::new();
         while tcp.is_empty() {
             let mut line = String::new();
@@ -99,7 +99,7 @@ fn railbus() -> Command {
     command
 }
 
-/// A path of this test alone.
+/// A path of this test only.
 fn link(name: &str) -> PathBuf {
     let unique = format!("railbus-test-{}-{name}", std::process::id());
     std::env::temp_dir().join(unique)

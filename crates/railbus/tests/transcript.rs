@@ -20,8 +20,8 @@ const SESSION: &[&[&str]] = &[
     &["config", "undo", "--yes"],
 ];
 
-/// What differs from run to run is the same in all: times, counts of errors on a busy machine,
-/// the inputs of the demo, which move, and the width of columns that hold these.
+/// What differs from run to run is made the same: times, counts of errors on a busy machine, the
+/// inputs of the demo, which move, and the width of columns that hold these.
 fn calm(text: &str) -> String {
     let mut calm = String::new();
     for line in text.lines() {
@@ -81,7 +81,7 @@ fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
 }
 
-/// What a reader types further, beyond what is printed, so that it comes to its end.
+/// Input beyond what is printed, so that it comes to its end.
 const ENDS: [(&str, &str); 3] = [
     ("config set", " --yes"),
     ("sniff", " --time 500ms"),
@@ -121,7 +121,7 @@ fn runs(name: &str, file: &str, from: &str, to: &str) {
             false => ports.run(&line),
         };
         if command == "doctor" {
-            // What it finds of the machine is the machine's.
+            // Its findings depend on the machine.
             assert!(ran.out.contains("running for the demo"), "{line}: {ran:?}");
             continue;
         }

@@ -1,4 +1,4 @@
-//! What the daemon tells of itself and of its lines, and what it records of them.
+//! What the daemon reports about itself and its lines, and what it records of them.
 
 use crate::daemon::{Daemon, exchange};
 use crate::websocket::Client;
@@ -136,7 +136,7 @@ fn what_passes_is_recorded_for_some_seconds() {
         .map(|line| serde_json::from_str(line).expect("JSON"))
         .collect();
     assert!(frames.len() > 4, "{}", frames.len());
-    // A busy machine may hold up a simulated module in the middle of a frame: that is told.
+    // A busy machine may delay a simulated module in the middle of a frame: that is reported.
     let whole = frames.iter().filter(|frame| frame["verdict"] == "ok");
     assert!(2 * whole.count() > frames.len(), "{}", text.text());
     for wrong in ["seconds=0", "seconds=601", "seconds=x", "format=doc"] {

@@ -1,5 +1,5 @@
-//! Who may do what at `railbus serve`: every route of its document with every role, logging in and
-//! out, and secrets that must not come out.
+//! Access rights of `railbus serve`: every route of its document with every role, signing in and
+//! out, and secrets that must not leak.
 
 use super::daemon::{Answer, Daemon, answer_of};
 use super::websocket::Client;
@@ -10,8 +10,8 @@ use std::time::Duration;
 const ROLES: [&str; 4] = ["viewer", "operator", "engineer", "admin"];
 const PASSWORD: &str = "canary correct horse";
 
-/// One request of whom the head names. Of an answer that streams on and on, only the head is
-/// waited for. `head` ends with a line's end, if it is not empty.
+/// One request; `head` has the credentials. Of a stream, only the head of the answer is awaited.
+/// `head` ends with a line end, if it is not empty.
 pub(crate) fn ask(daemon: &Daemon, method: &str, path: &str, head: &str, body: &str) -> Answer {
     let mut stream = daemon.connect();
     let patience = Some(Duration::from_secs(60));
@@ -75,8 +75,8 @@ pub(crate) fn is_on(daemon: &Daemon, path: &str) -> Value {
     daemon.as_owner("GET", &point, "").json()["value"].clone()
 }
 
-/// Method, address and least role of every route in the daemon's own document; none for routes
-/// that anybody may use, `owner` for those of the socket.
+/// Method, address and least role of every route in the daemon's own document; none for public
+/// routes, `owner` for those of the socket.
 fn routes(daemon: &Daemon) -> Vec<(String, String, Option<String>)> {
     let document = ask(daemon, "GET", "/api/v1/openapi.json", "", "").json();
     let paths = document["paths"].as_object().expect("paths").clone();
@@ -103,7 +103,7 @@ fn routes(daemon: &Daemon) -> Vec<(String, String, Option<String>)> {
     routes
 }
 
-/// An address of a route, with names that nothing has.
+/// An address of a route, with names that do not exist.
 fn filled(path: &str) -> String {
     let parts = path.split('/').map(|part| match part.starts_with('{') {
         true => "nothing",
@@ -159,7 +159,7 @@ fn every_route_asks_for_its_role() {
     }
 }
 
-/// The names of all topics of the WebSocket, by the daemon's own word, of things that there are.
+/// The names of all topics of the WebSocket from the daemon's own list, for things that exist.
 fn topics(daemon: &Daemon) -> Vec<String> {
     let mut client = Client::open(daemon);
     client.send(r#"{"sub":["nothing"]}"#);
@@ -191,7 +191,7 @@ fn every_topic_is_told_to_whom_it_may_be() {
         let refused = Client::over(stream(), &format!("{host}{stranger}"), "/api/v1/ws");
         assert_eq!(refused.err(), Some(401), "{stranger}");
     }
-    // Nothing can be done over it: whoever may look may hear all.
+    // It takes no commands: a viewer may subscribe to everything.
     for role in ROLES {
         let head = format!("{host}{}", token(&daemon, role, role, &[]));
         let client = Client::over(stream(), &head, "/api/v1/ws");
@@ -416,7 +416,7 @@ fn what_streams_ends_with_the_rights_to_it() {
         assert_ne!(stream.read_line(&mut line).expect("text"), 0, "it ended");
     }
     daemon.as_owner("DELETE", "/api/v1/tokens/eyes", "");
-    // The end comes by itself: a read that finds none fails in time.
+    // The connection is closed by the server; otherwise a read times out and fails.
     std::io::copy(&mut stream, &mut std::io::sink()).expect("an end");
     assert_eq!(ask(&daemon, "GET", "/api/v1/lines", &token, "").status, 401);
 }
@@ -472,8 +472,8 @@ fn no_secret_comes_out_again() {
     }
 }
 
-/// The connection is closed while the new password is hashed. Closed earlier, the request is
-/// dropped, which is as true; so it is asked again, each time closed a little later.
+/// The connection is closed while the new password is hashed. If it is closed earlier, the request
+/// is dropped, which is correct as well; so it is repeated, each time closed a little later.
 #[test]
 fn a_change_of_an_account_is_made_and_told_though_the_caller_has_gone() {
     let daemon = Daemon::start("access-gone", &["--demo"]);
@@ -521,7 +521,7 @@ fn a_change_of_an_account_is_made_and_told_though_the_caller_has_gone() {
     assert_eq!(told, Some("token:boss".into()));
 }
 
-/// A name that is given again is another one's.
+/// A name that is used again belongs to another account.
 #[test]
 fn keys_of_a_token_or_a_user_that_is_no_more_are_nobodys() {
     let daemon = Daemon::demo("access-again");

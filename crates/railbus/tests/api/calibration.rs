@@ -1,4 +1,4 @@
-//! A module is calibrated for a page, which is asked before each step.
+//! A module is calibrated from a page, which confirms each step.
 
 use crate::daemon::Daemon;
 use serde_json::{Value, json};
@@ -81,7 +81,7 @@ fn a_calibration_asks_before_each_step_and_can_end_at_any() {
     assert_eq!(log["changes"][0]["by"], "calibrate", "{log}");
     assert_eq!(log["changes"][0]["undoable"], false, "{log}");
 
-    // It ends where somebody ends it, or says no; the line is given back.
+    // It ends if it is cancelled or refused; the line is given back.
     let op = begin(&daemon, r#"{"voltage":"10 V"}"#);
     asked(&daemon, &op, "zero");
     let taken = daemon.send("POST", CALIBRATE, "{}");

@@ -1,4 +1,4 @@
-//! A daemon, and how it is asked.
+//! A daemon, and requests to it.
 
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
@@ -9,14 +9,14 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// A daemon that is stopped at the end of the test, however that comes.
+/// A daemon that is stopped at the end of the test, however it ends.
 pub(crate) struct Daemon {
     pub(crate) child: Child,
     pub(crate) address: String,
     pub(crate) folder: PathBuf,
     /// What it printed until it served.
     pub(crate) told: String,
-    /// One who may everything; none where the daemon knows no tokens.
+    /// An administrator's token; none if the daemon has no accounts.
     token: Option<String>,
     pub(crate) stdout: BufReader<ChildStdout>,
 }
@@ -45,10 +45,10 @@ impl Answer {
     }
 }
 
-/// The program, speaking English and knowing nothing of this machine's sites.
+/// The program in English, unaware of this machine's sites.
 pub(crate) fn railbus() -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_railbus"));
-    // No daemon of anybody is found without `--socket`.
+    // Without `--socket`, no daemon of this machine is found.
     let nowhere = format!("railbus-api-{}-nowhere", std::process::id());
     command
         .env("RAILBUS_RUN", std::env::temp_dir().join(nowhere))
@@ -103,8 +103,8 @@ impl Daemon {
         self.address = address(&self.told);
     }
 
-    /// A token of the daemon's own user, who may ask for one over its socket; none where the
-    /// daemon knows no tokens.
+    /// A token of the daemon's own user, who may request one over its socket; none if the daemon
+    /// has no tokens.
     fn own_token(&self) -> Option<String> {
         let body = r#"{"name":"test","role":"admin","points":[],"expires_days":1}"#;
         let answer = self.as_owner("POST", "/api/v1/tokens", body);
@@ -115,7 +115,7 @@ impl Daemon {
         Some(token.expect("a token"))
     }
 
-    /// The lines of a request's head that say who asks, and whom.
+    /// The head lines with token and host.
     pub(crate) fn head(&self) -> String {
         let host = format!("Host: {}\r\n", self.address);
         match &self.token {
@@ -138,7 +138,7 @@ impl Daemon {
         UnixStream::connect(self.folder.join("socket")).expect("it listens")
     }
 
-    /// Over the socket, where nobody has to log in.
+    /// Over the socket, where no login is needed.
     pub(crate) fn as_owner(&self, method: &str, path: &str, body: &str) -> Answer {
         let head = "Host: railbus\r\nContent-Type: application/json\r\n";
         exchange(self.connect_to_socket(), method, path, head, body)
@@ -149,7 +149,7 @@ impl Daemon {
         exchange(self.connect(), method, path, &head, body)
     }
 
-    /// The same where the daemon may close before all was sent.
+    /// As above, if the daemon may close before everything was sent.
     pub(crate) fn try_send(&self, method: &str, path: &str, body: &str) -> Option<Answer> {
         let mut stream = self.connect();
         let (head, length) = (self.head(), body.len());
@@ -159,7 +159,7 @@ impl Daemon {
              \r\n"
         )
         .ok()?;
-        // What is not taken any more does not matter; the answer does.
+        // Whether the rest was accepted does not matter; the answer does.
         let _ = stream.write_all(body.as_bytes());
         let mut bytes = Vec::new();
         let _ = stream.read_to_end(&mut bytes);
@@ -223,7 +223,7 @@ fn spawn(folder: &Path, arguments: &[&str]) -> (Child, BufReader<ChildStdout>, S
     (child, stdout, told)
 }
 
-/// Where it said that it listens; nothing over TLS.
+/// The address it printed; none over TLS.
 fn address(told: &str) -> String {
     let web = told
         .lines()

@@ -1,17 +1,17 @@
-//! Clients that only want to be in the way: they send nothing, or too much, or come in crowds.
+//! Clients that flood the daemon: they send nothing, or too much, or open many connections.
 
 use crate::daemon::Daemon;
 use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
-/// More than may be in at a time.
+/// More connections than are allowed at a time.
 const CROWD: usize = 200;
-/// What is let in at a time, as the daemon says of itself.
+/// The limit, as the daemon reports it.
 const ROOM: usize = 128;
-/// What a daemon has open beside its connections: files, sockets, pipes.
+/// What a daemon has open besides its connections: files, sockets, pipes.
 const BESIDE: usize = 64;
-/// A whole head must come within 10 s; the crowd has two turns, and a machine may be slow.
+/// A whole head must come within 10 s; the flood gets two turns, and a machine may be slow.
 const PATIENCE: Duration = Duration::from_secs(90);
 
 /// The moment at which a point was last read.
@@ -22,8 +22,8 @@ fn read_at(daemon: &Daemon) -> String {
     answer.json()["time"].as_str().expect("a time").to_owned()
 }
 
-/// Whoever sends half a request is closed, and while they all are there, lines are polled and the
-/// daemon's own user is served.
+/// A client that sends half a request is disconnected, and while they all are connected, lines are
+/// polled and the daemon's own user is served.
 #[test]
 fn who_sends_half_a_request_is_closed_and_holds_nothing_up() {
     let daemon = Daemon::demo("loris");
@@ -42,7 +42,7 @@ fn who_sends_half_a_request_is_closed_and_holds_nothing_up() {
 
     let begun = Instant::now();
     for mut stream in crowd {
-        // A letter now and then makes it no better.
+        // A byte now and then does not help.
         let _ = stream.write_all(b"a");
         stream.set_read_timeout(Some(PATIENCE)).expect("a socket");
         let mut rest = Vec::new();
@@ -54,7 +54,7 @@ fn who_sends_half_a_request_is_closed_and_holds_nothing_up() {
     assert_eq!(daemon.get("/api/v1/points").status, 200);
 }
 
-/// A WebSocket message of 64 KB is taken, and one that is longer ends its connection alone.
+/// A WebSocket message of 64 KB is accepted, and a longer one ends only its own connection.
 #[test]
 fn long_messages_end_their_own_connection_alone() {
     let daemon = Daemon::demo("long");
@@ -72,8 +72,8 @@ fn long_messages_end_their_own_connection_alone() {
     });
 }
 
-/// Who comes with a whole request is answered while a thousand others send half of one, and come
-/// again as fast as they are closed.
+/// A client with a whole request is answered while a thousand others send half of one, and
+/// reconnect as fast as they are disconnected.
 #[test]
 fn a_thousand_who_send_half_a_request_keep_nobody_waiting() {
     let many = rustix::process::getrlimit(rustix::process::Resource::Nofile);

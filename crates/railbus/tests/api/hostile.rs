@@ -1,10 +1,10 @@
-//! Bodies, methods and addresses that are none: each is refused with a problem that says why,
-//! and nothing is switched.
+//! Invalid bodies, methods and addresses: each is refused with a problem that says why, and nothing
+//! is switched.
 
 use crate::daemon::{Answer, Daemon};
 use serde_json::Value;
 
-/// Bodies that no route takes.
+/// Bodies that no route accepts.
 const BODIES: [&str; 7] = [
     "{",
     "[]",
@@ -25,7 +25,7 @@ fn outputs(daemon: &Daemon) -> Vec<Value> {
     outputs.map(|point| point["value"].clone()).collect()
 }
 
-/// Every operation of the API's own document that takes a body, at an address that is there.
+/// Every operation of the API's own document that takes a body, at an address that exists.
 fn operations(daemon: &Daemon) -> Vec<(String, String)> {
     let document = daemon.get("/api/v1/openapi.json").json();
     let mut all = Vec::new();
@@ -74,7 +74,7 @@ fn bodies_that_are_none_are_refused_and_nothing_is_switched() {
             is_problem(&answer, &format!("{method} {path} {body:.40}"));
         }
         let answer = daemon.try_send(&method, &path, &long);
-        // It may be cut off while it still sends.
+        // It may be disconnected while it still sends.
         if let Some(answer) = answer {
             is_problem(&answer, &format!("{method} {path} with a long body"));
         }

@@ -1,4 +1,4 @@
-//! The daemon as a program meets it that knows nothing of railbus but its HTTP.
+//! The daemon as seen by a program that knows nothing of railbus but its HTTP API.
 
 mod about;
 mod access;

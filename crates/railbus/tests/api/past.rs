@@ -1,4 +1,4 @@
-//! What the daemon remembers: samples, events, and the log of what was done.
+//! The daemon's history: samples, events, and the audit log.
 
 use super::daemon::{Daemon, folder, railbus};
 use serde_json::{Value, json};
@@ -73,7 +73,7 @@ fn run(folder: &Path, line: &str) -> (i32, String, String) {
     run_with(line, "--socket", &folder.join("socket"))
 }
 
-/// What it shows of the files of this configuration, where no daemon is found.
+/// What it shows from the files of this configuration without a daemon.
 fn run_on_files(config: &Path, line: &str) -> (i32, String, String) {
     run_with(line, "--config", config)
 }
@@ -177,7 +177,7 @@ fn the_command_line_shows_as_much_of_a_history_as_is_wanted() {
     assert!(code == 1 && why.contains("E0174"), "{why}");
 }
 
-/// A long history without a word on how much of it does not flood the terminal.
+/// A long history without a given step is shown in steps and does not flood the terminal.
 #[test]
 fn a_long_history_is_parted_into_steps() {
     let daemon = Daemon::demo("flood-of-samples");
@@ -200,7 +200,7 @@ fn a_long_history_is_parted_into_steps() {
     );
 }
 
-/// Whether each of these texts is what `railbus audit -o json` is published to say.
+/// Whether each of these texts is as published for `railbus audit -o json`.
 fn is_published(folder: &Path, texts: &[&str]) -> bool {
     let (_, schema, _) = run(folder, "schema audit");
     let schema = serde_json::from_str(&schema).expect("JSON");
@@ -229,7 +229,7 @@ fn the_command_line_checks_and_prints_the_audit_log() {
     assert!(is_published(&daemon.folder, &texts), "{texts:?}");
     let (_, told, _) = run(&daemon.folder, "audit export -o csv");
 
-    // The same of files that no daemon has: those of a site whose daemon was killed.
+    // The same for files without a daemon: those of a site whose daemon was killed.
     let file = daemon.get("/api/v1/config").json()["file"].clone();
     let file = Path::new(file.as_str().expect("a path"));
     let state = file.parent().expect("a folder").join(".railbus");
@@ -238,7 +238,7 @@ fn the_command_line_checks_and_prints_the_audit_log() {
     for name in ["audit.log", "audit.head"] {
         std::fs::copy(state.join(name), copy.join(name)).expect("a copy");
     }
-    // What a daemon writes just now, which answers elsewhere, can't be told to be whole or broken.
+    // While a daemon that answers elsewhere writes the log, it can't be verified.
     let held = run_on_files(file, "audit verify");
     assert!(held.0 == 1 && held.2.contains("E0175"), "{held:?}");
     daemon.child.kill().expect("it runs");
@@ -303,7 +303,7 @@ fn files_are_exported() {
     assert_eq!(kinds, ["start", "begin", "end"]);
 }
 
-/// A site whose line has no port: what is tried is written down all the same.
+/// A site whose line has no port: commands are logged anyway.
 const SITE: &str = r#"
 [line.main]
 port = "/dev/no-such-port"
@@ -335,7 +335,7 @@ fn what_was_done_outlives_the_daemon() {
     let kept = (&storage["keep_ms"], &storage["max_bytes"]);
     assert_eq!(kept, (&json!(30_i64 * 86_400_000), &json!(100_000_000)));
 
-    // As if the power had failed.
+    // As after a power failure.
     daemon.child.kill().expect("it runs");
     daemon.start_again(&site);
     let audit = daemon.get("/api/v1/audit").json();

@@ -1,9 +1,9 @@
-//! A module that was lost is looked for, and two on one address are told of.
+//! A lost module is searched for, and two on one address are reported.
 
 use crate::daemon::Daemon;
 use serde_json::{Value, json};
 
-/// Changes what a module keeps behind the back of the configuration.
+/// Changes a module's settings without the configuration.
 fn behind_its_back(daemon: &Daemon, bytes: &str) {
     let frame = json!({
         "protocol": "rtu", "bytes": bytes, "complete": true, "confirm": ["settings"],
@@ -46,7 +46,7 @@ fn a_lost_module_is_found_and_the_configuration_follows() {
         (&json!("done"), &json!("in_place")),
         "{end}"
     );
-    // The line begins anew: who was not heard on it yet can't be missed there.
+    // The line is restarted: a module that has not answered on it yet can't be lost there.
     daemon.until("it is heard again", |daemon| {
         state_of(daemon, "oven") == json!([3, "online"])
     });
@@ -66,7 +66,7 @@ fn a_lost_module_is_found_and_the_configuration_follows() {
         state_of(daemon, "oven") == json!([9, "online"])
     });
 
-    // Two on one address: who looks is told how they are parted.
+    // Two on one address: the search reports how to separate them.
     behind_its_back(&daemon, "05 06 00 01 00 09");
     let end = recovered(&daemon, "oven");
     assert_eq!(

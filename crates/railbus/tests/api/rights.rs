@@ -1,11 +1,11 @@
-//! How far rights reach: who is limited to points, who is no administrator, and who is not the
-//! owner has no way round that.
+//! The limits of rights: a caller limited to points, one who is no administrator, and one who is
+//! not the owner can't get around them.
 
 use crate::access::{ask, is_on, token};
 use crate::daemon::Daemon;
 use serde_json::{Value, json};
 
-/// What somebody who is limited to `pump` could do to reach `oven` all the same.
+/// What a caller limited to `pump` could try in order to reach `oven`.
 const WAYS_ROUND: [(&str, &str, &str); 25] = [
     (
         "PUT",
@@ -94,17 +94,17 @@ fn who_is_limited_to_points_reaches_no_other_by_any_way() {
             assert_eq!(answer.end(), (403, code.to_owned()), "{what}");
         }
         assert_eq!(text(), before, "{role}");
-        // It is told what is missing, in both languages.
+        // The answer says what is missing, in both languages.
         for (lang, word) in [("en", "pump.*"), ("zh", "权限")] {
             let any = format!("{any}Accept-Language: {lang}\r\n");
             let told = crate::access::ask(&daemon, "POST", "/api/v1/config/undo", &any, "{}");
             assert!(told.text().contains(word), "{}", told.text());
         }
-        // A frame of one's own: neither what a module keeps nor all modules at once.
+        // A raw frame: neither one that changes settings nor a broadcast.
         let kept = r#"{"protocol":"rtu","bytes":"01 06 00 00 00 02","complete":true}"#;
         let sent = ask("POST", "/lines/main/send", kept);
         assert_ne!(sent.status, 200, "{}", sent.text());
-        // What is his own he may call as he likes, and the rest is his to look at.
+        // A caller may name its own points as it likes, and only read the rest.
         let named = ask(
             "PATCH",
             "/config/points/pump/do0",
@@ -144,7 +144,7 @@ fn what_administrators_say_comes_from_them_however_it_is_made() {
     }
     let made = put(&admin, &with);
     assert_eq!(made.status, 200, "{}", made.text());
-    // It stays as it is, whatever else an engineer says.
+    // It stays as it is, whatever else an engineer writes.
     let more = format!("{with}# Checked.\n");
     assert_eq!(put(&engineer, &more).status, 200);
     for changed in [
@@ -225,7 +225,7 @@ fn a_configuration_from_the_network_leads_where_the_owner_allows() {
     assert_eq!(own.end(), (403, "E0923".into()), "{}", own.text());
     assert_eq!(text(), at_start);
 
-    // Serial ports may be, and networks of plants; a name is looked at when something is sent.
+    // Serial ports may be, and networks of plants; a name is resolved when something is sent.
     let line = json!({ "line": "usb", "port": "/dev/ttyUSB77" });
     assert_eq!(ask("POST", "/config/lines", line).status, 200);
     let hook = json!({ "url": "http://10.11.12.13/", "enabled": false });
@@ -235,7 +235,7 @@ fn a_configuration_from_the_network_leads_where_the_owner_allows() {
     let tested = ask("POST", "/webhooks/name/test", json!({})).json();
     assert_eq!(tested["error"]["code"], "E0925", "{tested}");
 
-    // The owner's word, by the socket; what was there at the start may come back.
+    // The owner allows it over the socket; what was there at the start may come back.
     let etag = daemon.as_owner("GET", "/api/v1/config", "").json()["etag"].clone();
     let head = format!("Host: railbus\r\nIf-Match: {etag}\r\n");
     let body = json!({ "text": allowing }).to_string();
@@ -247,7 +247,7 @@ fn a_configuration_from_the_network_leads_where_the_owner_allows() {
     let hook = json!({ "url": "http://127.0.0.1:9/", "enabled": false });
     assert_eq!(ask("PUT", "/webhooks/x", hook).status, 200);
 
-    // What the owner's file had at the start may come back, and nothing beside it.
+    // What the owner's file had at the start may come back, and nothing else.
     let folder = super::daemon::folder("leads-start");
     let file = folder.join("railbus.toml");
     std::fs::write(&file, "[line.far]\nport = \"tcp:127.0.0.1:9\"\n").expect("a file");

@@ -29,7 +29,7 @@ fn a_rule_is_tried_before_it_is_armed_and_acts_then() {
     assert_eq!(code(&post("arm")), (404, "E0853".into()));
     assert_eq!(code(&post("disarm")), (404, "E0853".into()));
 
-    // It holds whatever the tank does.
+    // It holds in any state of the tank.
     assert_eq!(put(&night(-1.0)).status, 200);
     assert_eq!(
         (&shown()["state"], &shown()["tried"]),
@@ -67,7 +67,7 @@ fn a_rule_is_tried_before_it_is_armed_and_acts_then() {
     let audit = daemon.get("/api/v1/audit?limit=1").json();
     assert_eq!(audit["items"][0]["who"], "rule:night", "{audit}");
 
-    // As it is it stays armed; as something else it does not.
+    // Unchanged it stays armed; changed it does not.
     let text = daemon.get("/api/v1/config").json()["text"].clone();
     assert!(
         text.as_str()
@@ -94,7 +94,7 @@ fn a_rule_is_tried_before_it_is_armed_and_acts_then() {
     );
 }
 
-/// An address with the word `try` in it stands in the way of none.
+/// A rule named `try` does not hide the route of that name.
 #[test]
 fn a_rule_may_be_called_as_it_likes() {
     let daemon = Daemon::demo("rules-names");
@@ -142,7 +142,7 @@ fn a_whole_text_arms_no_rule_that_was_not_tried() {
         (&json!("night"), &json!("POST /api/v1/rules/try-text"))
     );
     assert_eq!(text(), before, "nothing changes");
-    // Disarmed it may come; tried, it may be armed, and what is armed may stay.
+    // Disarmed it is accepted; tried, it may be armed, and an armed one may stay.
     assert_eq!(
         put(&format!("{before}\n{}", rule("-1.0", false))).status,
         200
@@ -161,7 +161,7 @@ fn a_whole_text_arms_no_rule_that_was_not_tried() {
         (409, "E0854".into()),
         "another limit is another rule"
     );
-    // An earlier text that comes back is held to the same.
+    // An earlier text that is restored is checked in the same way.
     assert_eq!(daemon.send("POST", "/api/v1/config/undo", "{}").status, 200);
     daemon.send("DELETE", "/api/v1/rules/night", "");
     assert_eq!(daemon.send("POST", "/api/v1/config/undo", "{}").status, 200);
@@ -186,7 +186,7 @@ fn a_rule_that_was_stopped_begins_anew_when_it_is_armed_again() {
         assert_eq!(daemon.send("PUT", &path, &rule(is).to_string()).status, 200);
         post(name, "try");
     }
-    // They undo each other's work until one of them has acted too often.
+    // They undo each other until one of them has acted too often.
     post("off", "arm");
     post("on", "arm");
     let names = ["off", "on"];
@@ -210,7 +210,7 @@ fn a_rule_that_was_stopped_begins_anew_when_it_is_armed_again() {
         .collect();
     assert_eq!(told.len(), 1, "{events}");
 
-    // Armed it was all the time; only that somebody arms it again lets it act.
+    // It was armed all the time; only arming it again lets it act.
     let other = if stopped == "off" { "on" } else { "off" };
     post(other, "disarm");
     let condition = stopped == "off";
@@ -250,7 +250,7 @@ fn a_rule_that_is_not_written_yet_is_tried_as_it_would_be_read() {
         (&json!(7), &json!(0)),
         "{week}"
     );
-    // What was tried may be armed, wherever it is written.
+    // A rule that was tried may be armed, by any way of writing it.
     assert_eq!(
         daemon
             .send("PUT", "/api/v1/rules/wake", &daily.to_string())

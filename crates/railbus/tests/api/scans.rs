@@ -1,4 +1,4 @@
-//! Scans that the daemon does for a page.
+//! Scans of the daemon for a page.
 
 use crate::daemon::{Daemon, folder};
 use crate::liar::slave;
@@ -115,11 +115,11 @@ fn what_can_not_be_scanned_is_refused() {
     assert_eq!(daemon.get("/api/v1/ops").json()["ops"], json!([]));
 }
 
-/// The lines are named on which somebody was found only by waiting for him.
+/// Lines on which a module was found only by waiting longer are named.
 #[test]
 fn a_line_on_which_modules_are_slow_is_named() {
-    // Whoever is asked for the second time answers, later than silence is believed, be the machine
-    // busy or not.
+    // A module answers only the second request, and later than the reply timeout, whether or not
+    // the machine is busy.
     let late = Duration::from_millis(60);
     let asked = AtomicUsize::new(0);
     let port = slave(move |_, frame| match frame {

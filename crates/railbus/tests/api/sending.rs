@@ -1,4 +1,4 @@
-//! Frames of one's own.
+//! Raw frames over HTTP.
 
 use crate::daemon::{Answer, Daemon};
 use serde_json::{Value, json};
@@ -147,7 +147,7 @@ fn a_frame_that_may_change_something_is_sent_where_it_is_meant() {
     assert_eq!(entry["what"], "send output: 03 05 00 3C FF 00 4D D4 (main)");
     assert_eq!(entry["end"], "reply");
 
-    // A lock is gone past only where that is said, too.
+    // A locked output is switched only if that is confirmed as well.
     let lock = r#"{"locked":true}"#;
     let locked = daemon.send("PATCH", "/api/v1/config/points/oven/k2", lock);
     assert_eq!(locked.status, 200, "{}", locked.text());
@@ -178,7 +178,8 @@ fn a_frame_that_may_change_something_is_sent_where_it_is_meant() {
     assert_eq!(audit["items"][0]["end"], "refused");
 }
 
-/// A scan that is ended leaves its question, and nobody is refused because of that.
+/// A scan that is cancelled leaves its request pending, and no other caller is refused because of
+/// that.
 #[test]
 fn a_scan_that_was_cancelled_is_in_nobodys_way() {
     let daemon = Daemon::demo("send-scan");

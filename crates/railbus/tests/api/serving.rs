@@ -1,5 +1,5 @@
-//! `railbus serve` as its clients meet it: HTTP over TCP and over the socket, signals, and what
-//! it refuses.
+//! `railbus serve` as seen by its clients: HTTP over TCP and over the socket, signals, and what it
+//! refuses.
 
 use super::daemon::{Answer, Daemon, exchange, folder, railbus};
 use rustix::process::Signal;
@@ -199,7 +199,7 @@ fn the_socket_and_the_page_and_the_stream() {
     assert_eq!(second.status.code(), Some(7), "one daemon at a socket");
 }
 
-/// `railbus raw` goes through the daemon, which is told what is meant.
+/// `railbus raw` goes through the daemon, which gets the confirmation.
 #[test]
 fn a_frame_of_ones_own_goes_through_the_daemon() {
     let daemon = Daemon::demo("raw");
@@ -284,7 +284,7 @@ fn a_bad_configuration_is_refused_and_changes_nothing() {
     let mut daemon = Daemon::start("reload", &["--config", path]);
     let oven = |daemon: &Daemon| daemon.get("/api/v1/modules").json()["modules"][0].clone();
     assert_eq!(oven(&daemon)["module"], "oven");
-    // Until it was tried for the first time, it is only being opened.
+    // Until the first attempt, it is only being opened.
     daemon.until("the port is missed", |daemon| {
         let closed = daemon.put("/api/v1/points/oven/k1", r#"{"value":true}"#);
         closed.status == 503 && closed.json()["reason"] == json!("missing")

@@ -1,11 +1,11 @@
-//! What modules keep, changed by the daemon for a page.
+//! Modules' settings, changed by the daemon for a page.
 
 use crate::daemon::{Answer, Daemon, exchange};
 use serde_json::{Value, json};
 
 const OVEN: &str = "/api/v1/modules/oven/settings";
 
-/// A request that says which settings it has seen.
+/// A request with the settings it is based on.
 fn matching(daemon: &Daemon, method: &str, path: &str, etag: &str, body: &Value) -> Answer {
     let head = format!(
         "{}Content-Type: application/json\r\nIf-Match: \"{etag}\"\r\n",
@@ -137,7 +137,7 @@ fn what_is_not_as_seen_or_taken_or_no_setting_is_refused() {
     let undo = daemon.send("POST", &format!("{OVEN}/undo"), "{}");
     assert_eq!((undo.status, &undo.json()["code"]), (404, &json!("E0846")));
 
-    // Somebody is there: it is found out before anything is written.
+    // The address is in use: that is found out before anything is written.
     let begun = matching(&daemon, "PATCH", OVEN, etag, &json!({"address": 5}));
     let end = carried(&daemon, &begun);
     assert_eq!(end["state"], "failed", "{end}");
@@ -153,7 +153,7 @@ fn what_is_not_as_seen_or_taken_or_no_setting_is_refused() {
 #[test]
 fn a_board_waits_for_its_power_and_can_be_let_off() {
     let daemon = Daemon::demo("settings-board");
-    // For 10 s after its power came a board takes an address without more ado [R55 §4.6].
+    // For 10 s after power-up a board accepts an address without a power cycle [R55 §4.6].
     std::thread::sleep(std::time::Duration::from_secs(11));
     let yard = "/api/v1/modules/yard/settings";
     let before = settings(&daemon, yard);
@@ -178,7 +178,7 @@ fn a_board_waits_for_its_power_and_can_be_let_off() {
     assert_eq!(settings(&daemon, yard), before);
     assert_eq!(last_end(&daemon), "not_verified");
 
-    // The adapter goes when the address was sent already: nobody knows what the board keeps.
+    // The adapter is lost after the address was sent: the board's settings are unknown.
     let begun = matching(&daemon, "PATCH", yard, etag, &json!({"address": "7"}));
     let op = begun.json()["op"].as_str().expect("a number").to_owned();
     let path = format!("/api/v1/ops/{op}");
@@ -195,7 +195,7 @@ fn a_board_waits_for_its_power_and_can_be_let_off() {
     assert_eq!(last_end(&daemon), "unknown");
 }
 
-/// How the audit log says that the last thing ended that was done.
+/// The end of the last command in the audit log.
 fn last_end(daemon: &Daemon) -> Value {
     let page = daemon.get("/api/v1/audit?limit=1").json();
     page["items"][0]["end"].clone()

@@ -1,4 +1,4 @@
-//! The simulated modules themselves, beside what the line told of them.
+//! The simulated modules themselves, compared with what the line reported of them.
 
 use crate::daemon::Daemon;
 use crate::websocket::Client;
@@ -140,7 +140,7 @@ fn a_silent_module_is_told_as_such_while_its_panel_is_seen() {
     daemon.until("it is offline", |daemon| {
         daemon.known("pump.do0")["quality"] == "bad"
     });
-    // It hears and obeys all the same: the panel and the line differ.
+    // It receives and executes anyway: the panel and the line differ.
     let (status, told) = daemon.write("pump.do0", true);
     assert!(status >= 400, "{told}");
     daemon.until("it obeyed", |daemon| daemon.at("pump.do0")["value"] == true);
@@ -165,7 +165,7 @@ fn a_silent_module_is_told_as_such_while_its_panel_is_seen() {
 #[test]
 fn one_bad_reply_is_counted_and_no_value_is_ever_wrong() {
     let daemon = Daemon::demo("sim-bad");
-    // ASCII without a checksum is what most easily takes a bad reply for a good one.
+    // ASCII without a checksum most easily takes a bad reply for a good one.
     for module in ["pump", "oven", "gate", "yard", "tank"] {
         let set = match module {
             "tank" => json!({ "set": { "ai1": 1.5, "ai2": 2.5 } }),

@@ -1,4 +1,4 @@
-//! What changes, as it is told.
+//! Updates as they are sent.
 
 use crate::daemon::Daemon;
 use crate::websocket::Client;
@@ -77,8 +77,8 @@ fn frames_are_told_in_words_of_either_language() {
             let message = client.until("frames", |m| is(m, "delta", "frames/main"));
             seen.extend(message["frames"].as_array().expect("a list").clone());
         }
-        // On a busy machine the simulator may answer too late, and what comes then belongs to
-        // nothing.
+        // On a busy machine the simulator may answer too late, and its reply then belongs to no
+        // request.
         let in_time = seen
             .iter()
             .take_while(|frame| frame["verdict"] != "missing");
@@ -102,8 +102,8 @@ fn a_slow_client_is_told_what_it_lost_and_gets_everything_anew() {
     let (mut client, socket) = Client::over_socket(&daemon);
     client.send(r#"{"sub":["frames/main"]}"#);
     client.until("it begins", |m| is(m, "snapshot", "frames/main"));
-    // It asks for much and reads nothing, until what lies between is full: then nothing more comes,
-    // neither what it asks for nor the frames.
+    // It requests much and reads nothing, until the buffers between are full: then nothing more
+    // comes, neither answers nor frames.
     let waiting = || rustix::io::ioctl_fionread(&socket).expect("a socket");
     let mut before = None;
     while before != Some(waiting()) {
@@ -114,7 +114,7 @@ fn a_slow_client_is_told_what_it_lost_and_gets_everything_anew() {
             std::thread::sleep(Duration::from_millis(2));
         }
     }
-    // More passes than the line keeps for anyone; who reads misses nothing of it.
+    // More frames pass than the line buffers for one subscriber; one that reads misses none.
     let mut quick = Client::open(&daemon);
     quick.send(r#"{"sub":["frames/main"]}"#);
     let mut passed = 0;
@@ -161,7 +161,7 @@ fn what_can_not_be_taken_is_refused_and_the_connection_lasts() {
         assert_eq!(told["topic"], topic, "{told}");
         assert_eq!(told["problem"]["code"], code, "{told}");
     }
-    // No more topics than there may be, and the ones there are go on.
+    // Subscriptions are limited, and the existing ones continue.
     let points = daemon.get("/api/v1/points").json();
     let points = points["points"].as_array().expect("a list").iter();
     let topics: Vec<String> = points

@@ -15,15 +15,15 @@ impl Client {
         Client::try_open(daemon, "", "/api/v1/ws").expect("it is let in")
     }
 
-    /// The same with more lines in the head, or the status with which it is refused.
+    /// As above with more lines in the head, or the status of the refusal.
     pub(crate) fn try_open(daemon: &Daemon, more: &str, path: &str) -> Result<Client, u16> {
         let stream = daemon.connect();
         stream.set_read_timeout(Some(PATIENCE)).expect("a socket");
         Client::over(Box::new(stream), &(daemon.head() + more), path)
     }
 
-    /// Connects over the daemon's socket, which holds little of what nobody reads; the second is
-    /// that socket.
+    /// Connects over the daemon's socket, whose buffers hold little of what is not read; the second
+    /// is that socket.
     pub(crate) fn over_socket(daemon: &Daemon) -> (Client, UnixStream) {
         let stream = daemon.connect_to_socket();
         stream.set_read_timeout(Some(PATIENCE)).expect("a socket");
@@ -38,7 +38,7 @@ impl Client {
         Some(serde_json::from_str(&text).expect("JSON"))
     }
 
-    /// The next message that is as wanted; those before it are passed over.
+    /// The next matching message; those before it are skipped.
     pub(crate) fn until(&mut self, what: &str, wanted: impl Fn(&Value) -> bool) -> Value {
         let start = Instant::now();
         loop {

@@ -1,4 +1,4 @@
-//! Webhooks as those meet them who run the site, and events of what they change.
+//! Webhooks as operators of a site see them, and the events of their changes.
 
 use crate::daemon::Daemon;
 use serde_json::{Value, json};
@@ -10,7 +10,7 @@ use std::time::Duration;
 const SECRET: &str = "canary of more than sixteen";
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// A receiver that takes everything, and gives back head and body of each request.
+/// A receiver that accepts everything, and returns head and body of each request.
 fn receiver() -> (String, Receiver<(String, Value)>) {
     let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
     let url = format!("http://{}/hook", listener.local_addr().expect("an address"));
@@ -40,7 +40,7 @@ fn receiver() -> (String, Receiver<(String, Value)>) {
 }
 
 fn put(daemon: &Daemon, path: &str, body: &Value) -> Value {
-    // Receivers of these tests are on this machine, which is for its owner to allow.
+    // Receivers of these tests are on this machine, which its owner has to allow.
     let answer = daemon.as_owner("PUT", &format!("/api/v1{path}"), &body.to_string());
     assert_eq!(answer.status, 200, "{path}: {}", answer.text());
     answer.json()

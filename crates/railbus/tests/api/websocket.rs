@@ -59,7 +59,7 @@ impl Client {
         // A mask of zeros is a mask.
         frame.extend([0; 4]);
         frame.extend(text);
-        // A daemon that closes at the head of a message does not take its end; who reads finds out.
+        // A daemon that closes during a message does not read the rest; reading then shows it.
         let _ = self.stream.write_all(&frame);
     }
 

@@ -78,7 +78,7 @@ fn a_change_is_journaled_and_the_configuration_follows() {
         (toml(&site), journal(&site)),
         (before.clone(), String::new())
     );
-    // Nobody can be asked here.
+    // There is no terminal for a question here.
     fails(&site.run("config set pump address=9"), "E0240", 2);
     assert_eq!(journal(&site), "");
 
@@ -96,7 +96,7 @@ fn a_change_is_journaled_and_the_configuration_follows() {
         .map(|record| record["state"].as_str().unwrap_or_default().to_owned())
         .collect();
     assert_eq!(states, ["intent", "done", "filed"]);
-    // It is heard where it is now, by everything else, too.
+    // It answers at the new address, to everything else as well.
     assert_eq!(site.run("get pump.do0 -o value").out, "off\n");
 
     let same = site.run("config set pump address=9 --yes");
@@ -140,7 +140,7 @@ fn what_can_not_be_is_refused_before_anything_is_written() {
         ("config set yard baud=9600 --yes", "E0842", 8),
         ("config set oven colour=red --yes", "E0840", 8),
         ("config set oven address --yes", "E0201", 2),
-        // The tank is there, in the same protocol.
+        // The tank is at that address, in the same protocol.
         ("config set oven address=5 --yes", "E0440", 4),
         // A pseudo-terminal has no parity, a serial server its own speed.
         ("config set oven parity=even --yes", "E0843", 8),
@@ -160,7 +160,7 @@ fn what_can_not_be_is_refused_before_anything_is_written() {
     }
     assert_eq!(journal(&site), "");
     let port = format!("-l pty:{}", site.folder.join("line").display());
-    // Another model, and nobody.
+    // Another model, and no module.
     fails(
         &site.run(&format!("{port} -m erc8 -a 5 config show")),
         "E0442",
@@ -173,7 +173,7 @@ fn what_can_not_be_is_refused_before_anything_is_written() {
     );
 }
 
-/// A journal that ends in an intent: the host died, nobody knows how far it came.
+/// A journal that ends in an intent: the host died, and how far it came is unknown.
 #[test]
 fn what_was_cut_short_is_recovered() {
     let site = Site::demo("config-recover");
@@ -181,7 +181,7 @@ fn what_was_cut_short_is_recovered() {
     let all = journal(&site);
     let path = site.folder.join(".railbus/journal.jsonl");
     let intent = all.lines().next().expect("an intent").to_owned();
-    // The end of the change is torn, and the configuration says what it said before.
+    // The end of the change is torn off, and the configuration has its previous text.
     std::fs::write(&path, format!("{intent}\n{}", &intent[..40])).expect("a file");
     site.configure(&toml(&site).replace("address = 7", "address = 3"));
     let log = site.run("config log").out;
@@ -195,7 +195,7 @@ fn what_was_cut_short_is_recovered() {
     assert!(toml(&site).contains("address = 7"));
     assert!(site.run("config log").out.contains("done"));
 
-    // And one whose write never left.
+    // And one whose write was never sent.
     let intent = intent
         .replace("\"change\":1", "\"change\":2")
         .replace("\"address\":7", "\"address\":8");
@@ -227,7 +227,7 @@ fn what_was_cut_short_is_recovered() {
     );
     assert!(toml(&site).contains("address = 7"));
 
-    // A module that is nowhere.
+    // A module that does not answer anywhere.
     let port = format!("-l pty:{}", site.folder.join("line").display());
     let gone = format!(
         "{port} -m r55 -a 77 config recover r55 --state {}",
@@ -306,7 +306,7 @@ fn a_backup_is_compared_and_written_back() {
         "E0801",
         8,
     );
-    // What was an EDA9060A does not go into an ERC-8.
+    // The settings of an EDA9060A can't be restored to an ERC-8.
     fails(
         &site.run("config restore site.json --other-site --yes --map pump=oven"),
         "E0442",
@@ -314,7 +314,7 @@ fn a_backup_is_compared_and_written_back() {
     );
 }
 
-/// One module is off: the others are shown and backed up all the same, and that is told.
+/// One module is off: the others are shown and backed up anyway, and that is reported.
 #[test]
 fn a_silent_module_does_not_hide_the_others() {
     let site = Site::demo("config-silent");
@@ -339,7 +339,7 @@ fn a_plan_is_made_and_applied() {
     let settings = "[module.pump.settings]\npulse_width = \"0.7s\"\ndo3.mode = \"pulse\"\n\
         [module.tank.settings]\ncalibration_voltage = \"4.00V\"\n";
     let text = toml(&site);
-    // The gate should be at 12, and is where the configuration does not have it.
+    // The gate should be at 12, and is not where the configuration has it.
     site.configure(&format!("{text}{settings}"));
     let plan = site.run("-q plan");
     assert_eq!(
@@ -363,7 +363,7 @@ fn a_plan_is_made_and_applied() {
             "{differs:?}"
         );
     }
-    // What has to be written is asked for, and there is nobody to ask.
+    // Writing needs confirmation, and there is no terminal to ask.
     fails(&site.run("apply"), "E0240", 2);
     assert!(
         site.run("-q plan --lang zh")
@@ -382,7 +382,7 @@ fn a_plan_is_made_and_applied() {
     let nothing = site.run("-q apply");
     assert_eq!((nothing.code, nothing.err.as_str()), (0, ""), "{nothing:?}");
 
-    // A module that is not there is told, and stops the rest.
+    // A missing module is reported, and stops the rest.
     let missing = toml(&site).replace("address = 3", "address = 13");
     site.configure(&missing);
     let plan = site.run("-q plan -o json").json();
@@ -394,7 +394,7 @@ fn a_plan_is_made_and_applied() {
     assert_eq!(oven.expect("oven")["state"], "missing");
     fails(&site.run("apply --yes"), "E0341", 3);
 
-    // What the table may hold is checked as strictly as all else, with its place.
+    // The keys of the table are checked as strictly as all others, with their position.
     for (bad, code) in [
         ("pulse_width = \"0.75s\"", "E0841"),
         ("colour = \"red\"", "E0840"),
@@ -415,7 +415,7 @@ fn a_plan_is_made_and_applied() {
 fn a_module_fresh_from_the_factory_is_found_and_sent_to_its_place() {
     let site = Site::demo("config-fresh");
     assert_eq!(site.run("-q config set oven address=1 --yes").code, 0);
-    // It is to be at 6 at another speed; it is at the factory's address.
+    // It should be at 6 at another speed; it is at the factory's address.
     site.configure(&toml(&site).replace(
         "model = \"erc8\"\naddress = 1",
         "model = \"erc8\"\nbaud = 19200\naddress = 6",
@@ -470,8 +470,8 @@ fn a_calibration_a_factory_reset_and_a_whole_line() {
     assert_eq!(all.out, "yard  断开  已回读\n");
 }
 
-/// The daemon leaves its line to the command for as long as that lives, and knows afterwards where
-/// the module is.
+/// The daemon gives the command exclusive access to its line for as long as it runs, and knows the
+/// module's address afterwards.
 #[test]
 fn the_daemon_lends_its_line() {
     let mut site = Site::demo("config-daemon");
@@ -509,11 +509,11 @@ fn the_daemon_lends_its_line() {
         .find(|one| one["module"] == "oven");
     assert_eq!(oven.expect("oven")["address"], 9, "{ls}");
 
-    // While it is lent nobody else gets it, and the daemon says why.
+    // Meanwhile no other client gets it, and the daemon says why.
     let file = site.folder.join("railbus.toml");
     let text = std::fs::read_to_string(&file).expect("a file");
     std::thread::sleep(std::time::Duration::from_secs(11));
-    // A board that is waited for to be switched off and on keeps the line for a minute.
+    // Waiting for a board to be power-cycled holds the line for a minute.
     let mut child = site
         .command()
         .args([
@@ -542,7 +542,7 @@ fn the_daemon_lends_its_line() {
         (7, Some("lent")),
         "{get:?}"
     );
-    // However the command ends, the daemon has its line again.
+    // However the command ends, the daemon gets its line back.
     child.kill().expect("it runs");
     child.wait().expect("it ends");
     assert!(
@@ -553,7 +553,7 @@ fn the_daemon_lends_its_line() {
     );
     assert_eq!(std::fs::read_to_string(&file).expect("a file"), text);
 
-    // Who does not ask the daemon finds the port taken.
+    // A command that bypasses the daemon finds the port in use.
     fails(&site.run("--direct config show pump"), "E0706", 7);
     assert!(
         site.run("--direct config show pump")

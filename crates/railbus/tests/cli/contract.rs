@@ -44,7 +44,7 @@ const GOOD: [&str; 32] = [
     "version",
 ];
 
-/// Of these, the streams, the commands with many forms and the file have tests of their own.
+/// These have tests of their own: the streams, the commands with many forms, and the file.
 const ELSEWHERE: [&str; 12] = [
     "apply",
     "audit",
@@ -157,7 +157,7 @@ fn a_stream_is_as_published() {
     }
 }
 
-/// Who has heard enough and closes the pipe is told nothing more, and nothing is wrong.
+/// A reader may close the pipe at any time: output stops, without an error.
 #[test]
 fn a_broken_pipe_is_no_error() {
     let site = Site::demo("contract-pipe");
@@ -273,7 +273,7 @@ fn the_environment_may_hold_the_flags_of_every_command() {
     ];
     let ran = run(&module, "get erc8.k1");
     assert_eq!((ran.code, ran.out.as_str()), (0, "off\n"), "{ran:?}");
-    // What the command line says goes first.
+    // The command line takes precedence.
     let ran = run(&module, "get erc8.k1 -o csv");
     assert!(ran.out.starts_with("time,"), "{ran:?}");
     let ran = run(&[("RAILBUS_OUTPUT", "json")], "get nosuch");

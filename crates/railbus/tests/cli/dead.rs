@@ -1,5 +1,5 @@
-//! Where a value stands, how good it is stands beside it: of modules that are dead, of lines that
-//! are not there, and where the daemon is gone.
+//! Wherever a value is shown, its quality is shown with it: for dead modules, for missing lines,
+//! and without the daemon.
 
 use crate::liar::slave;
 use crate::site::{Ran, Site};
@@ -64,7 +64,7 @@ fn a_module_is_not_blamed_for_the_silence_of_others() {
     );
 }
 
-/// Asks the daemon; of what would go on for ever, the first words.
+/// Asks the daemon; of an endless answer, the first part.
 fn asked(site: &Site, line: &str) -> Ran {
     let line = format!("--socket {} {line}", site.socket());
     if !line.contains(" watch ") {
@@ -77,7 +77,7 @@ fn asked(site: &Site, line: &str) -> Ran {
         .spawn()
         .expect("railbus starts");
     let mut said = BufReader::new(child.stdout.take().expect("it is piped")).lines();
-    // The headings of CSV say nothing yet.
+    // The headers of CSV contain no values yet.
     let word = said
         .by_ref()
         .map(|line| line.expect("text"))
@@ -113,7 +113,7 @@ fn what_was_read_too_long_ago_is_not_listed_as_if_it_were_now() {
     );
 }
 
-/// Every command and form that shows the state of an output which was on and is not known now.
+/// Every command and form that shows the state of an output which was on and is unknown now.
 fn tells_the_quality(run: &dyn Fn(&str) -> Ran, why: &str) {
     let value = run("get oven.k1 -o value");
     assert_eq!(value.out, "?\n", "{value:?}");
@@ -161,8 +161,8 @@ fn tells_the_quality(run: &dyn Fn(&str) -> Ran, why: &str) {
     watch_tells_the_quality(run, why);
 }
 
-/// What groups and scenes tell of outputs of which one is not known now: what they are said to
-/// be is none of their states, and what could not be done is told with its error in every form.
+/// What groups and scenes report about outputs of which one is unknown now: the group has no state,
+/// and a failure is reported with its error in every form.
 fn together_tells_the_quality(run: &dyn Fn(&str) -> Ran) {
     for (line, no_states) in [
         ("ls groups -o csv", "group,frames"),
@@ -202,7 +202,7 @@ fn together_tells_the_quality(run: &dyn Fn(&str) -> Ran) {
     }
 }
 
-/// The first thing that `watch` tells of the output, in every form.
+/// The first reading of the output in `watch`, in every form.
 fn watch_tells_the_quality(run: &dyn Fn(&str) -> Ran, why: &str) {
     let first = |format: &str| run(&format!("watch oven.k1 -o {format}")).out;
     let table = first("table");
@@ -219,8 +219,8 @@ fn watch_tells_the_quality(run: &dyn Fn(&str) -> Ran, why: &str) {
     }
 }
 
-/// An adapter that passes a reply on byte by byte: the module is never heard, commands expire, and
-/// it is told that something came all the same.
+/// An adapter that passes a reply on byte by byte: the module never comes online, commands expire,
+/// and the received bytes are reported.
 #[test]
 fn replies_in_pieces_are_told_where_a_command_expires() {
     let piece = |at: usize, byte: u8| (Duration::from_millis(100 * at as u64), vec![byte]);
@@ -244,8 +244,8 @@ fn replies_in_pieces_are_told_where_a_command_expires() {
     assert!(zh.err.contains("oven 没有有效应答：请求 "), "{zh:?}");
 }
 
-/// A 0x55 board does not report how many channels it has: where it answers but for one of
-/// them, that is told; where it is silent, it is not.
+/// A 0x55 board does not report how many channels it has: if it answers except for one of them,
+/// that is reported; if it is silent, it is not.
 #[test]
 fn a_channel_that_a_board_may_not_have_is_told() {
     let mut site = plant("channel", "");
@@ -315,7 +315,8 @@ fn how_good_a_value_is_stands_beside_it_in_every_form() {
     assert_eq!(history.out.lines().last(), Some("?"), "{history:?}");
     power(&site, "oven", "on");
     until(&|| run("set oven.k1 on").code == 0);
-    // The adapter is pulled out: its name goes, too, which would lead to another test's terminal.
+    // The adapter is pulled out: its name goes as well, or it would lead to another test's
+    // terminal.
     site.end_first();
     let run = |line: &str| asked(&site, line);
     until(&|| run("get oven.k1 -o csv").out.ends_with(",bad\n"));
@@ -323,7 +324,7 @@ fn how_good_a_value_is_stands_beside_it_in_every_form() {
     let told = run("get oven.k1");
     assert_eq!(told.code, 7, "{told:?}");
     assert!(told.err.starts_with("error[E0705]: "), "{told:?}");
-    // The daemon is gone: nobody knows anything, and that is what is told.
+    // The daemon is gone: nothing is known, and that is what is reported.
     site.stop_first();
     for line in [
         "get oven.k1 -o value",

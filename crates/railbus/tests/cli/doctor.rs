@@ -16,7 +16,7 @@ fn steady(site: &Site, text: &str) -> String {
         .replace(&date, "DATE")
 }
 
-/// The same, but for what is found of adapters that this machine happens to have.
+/// The same, without the findings about adapters that this machine happens to have.
 #[track_caller]
 fn reads(site: &Site, told: &str, wanted: &str) {
     let ports = site.run("ls ports -o json").json();
@@ -141,8 +141,8 @@ fn bad_lines_are_told_apart() {
     assert_eq!(of(""), ["D402"]);
 }
 
-/// A module whose replies come, but broken, is no silent one, whoever asks it: what came is told,
-/// how often and what is wrong with it.
+/// A module whose replies are garbled is not silent, in every command: the bytes received are
+/// reported, with how often and what is wrong with them.
 #[test]
 fn replies_that_are_garbled_are_told_as_such_directly_and_by_the_daemon() {
     /// Its outputs, or the settings that a fence asks for.
@@ -237,7 +237,7 @@ fn what_is_heard_on_an_idle_line_is_told_apart() {
         of(&talker(&[0xFF; 256], Duration::from_millis(20))),
         ["D204"]
     );
-    // An adapter that gives back what it is told to send, and an ERC-8 behind it.
+    // An adapter that echoes, and an ERC-8 behind it.
     let echo = liar(|request| {
         let mut back = request.to_vec();
         if request[..2] == [3, 1] {

@@ -1,4 +1,4 @@
-//! Where each exit code is reached: the table of them is walked, and none may be left out.
+//! How each exit code is reached: every code of the table is covered.
 
 use crate::liar::liar;
 use crate::site::{Site, signal};
@@ -6,7 +6,7 @@ use rustix::process::Signal;
 use std::io::{BufRead, BufReader};
 use std::process::Stdio;
 
-/// A run that ends with the code; none where that takes more than a command line.
+/// A run that ends with the code; none if that takes more than a command line.
 fn reached(site: &Site, exit: u8) -> Option<String> {
     let port = format!("pty:{}", site.folder.join("line").display());
     Some(match exit {
@@ -17,7 +17,7 @@ fn reached(site: &Site, exit: u8) -> Option<String> {
         4 => format!("-l {port} -m erc8 -a 5 set erc8.k1 on"),
         5 => "decode FF".to_owned(),
         6 => {
-            // It says yes to every command, and its relays stay off.
+            // It acknowledges every command, and its relays stay off.
             let yes = liar(|request| match request[1] {
                 1 => vec![3, 1, 1, 0, 0x50, 0x30],
                 _ => request.to_vec(),
@@ -28,7 +28,7 @@ fn reached(site: &Site, exit: u8) -> Option<String> {
         8 => "get nosuch".to_owned(),
         9 => "serve --demo --listen 0.0.0.0:0".to_owned(),
         10 => {
-            // A module that is wanted and not there is a difference.
+            // A configured module that is missing is a difference.
             let text = std::fs::read_to_string(site.folder.join("railbus.toml"));
             let shed = "\n[module.shed]\nline = \"main\"\nmodel = \"erc8\"\naddress = 9\n";
             let text = text.expect("a file") + shed;

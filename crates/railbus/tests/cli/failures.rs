@@ -40,7 +40,7 @@ fn fails(site: &Site, line: &str, code: &str, exit: i32) {
     );
 }
 
-/// What a parser or the system has to say is told in Chinese as well.
+/// Messages of a parser or the system are shown in Chinese as well.
 #[test]
 fn reasons_are_told_in_chinese() {
     let site = Site::empty("reasons");
@@ -182,7 +182,7 @@ fn modules_that_do_not_do_as_they_are_told() {
     );
 }
 
-/// One line has one master: who holds the port is named.
+/// A line has one master: the process that holds the port is named.
 #[test]
 fn a_port_that_another_program_holds() {
     let mut site = Site::demo("busy");
@@ -211,7 +211,7 @@ fn a_module_whose_replies_are_garbled() {
     fails(&site, &format!("{flags} get erc8"), "E0501", 5);
 }
 
-/// It says yes to every command, and its relays stay off.
+/// It acknowledges every command, and its relays stay off.
 #[test]
 fn a_module_that_says_yes_and_does_nothing() {
     let site = Site::empty("liar");
@@ -226,8 +226,8 @@ fn a_module_that_says_yes_and_does_nothing() {
     fails(&site, &unverified, "E0601", 6);
 }
 
-/// Who may not open a port is told whose it is. Root may open anything, so that the program then
-/// runs as somebody else.
+/// Without permission for a port, the error names its owner. Root may open anything, so the program
+/// then runs as another user.
 #[test]
 fn a_port_that_one_may_not_open() {
     let site = Site::empty("denied");
@@ -247,7 +247,7 @@ fn a_port_that_one_may_not_open() {
     assert_eq!(ran.status.code(), Some(7), "{told}");
     assert!(told.starts_with("error[E0707]: "), "{told}");
     assert!(told.contains("\n  try:"), "{told}");
-    // A list of modules that nobody could ask is no list of quiet modules.
+    // If no module could be asked, that is not shown as a list of silent modules.
     site.configure(&format!(
         "[line.main]\nport = \"pty:{port}\"\n{}",
         include_str!("modules.toml")
@@ -265,7 +265,7 @@ fn a_port_that_one_may_not_open() {
     assert!(!told.contains("usermod"), "nobody's group opens it: {told}");
 }
 
-/// Each part of a command that may have acted says so, whatever the form of the answer.
+/// Each part of a command that may have acted is reported as such, whatever the form of the answer.
 #[test]
 fn what_may_have_acted_is_told_of_each_part() {
     const EN: &str = "the command may still have taken effect; look before repeating";
@@ -294,7 +294,7 @@ fn what_may_have_acted_is_told_of_each_part() {
         ("raw --crc 03 01 00 3C 00 08", 0),
         ("get a.k1", 0),
     ] {
-        // Every form where there are parts to tell of.
+        // Every form that has parts.
         let formats: &[&str] = match command {
             "set a.k1=on b.k1=on" => &["table", "csv", "value", "json"],
             _ => &["json"],

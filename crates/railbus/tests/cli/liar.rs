@@ -1,4 +1,4 @@
-//! A module that does not tell the truth, on a pseudo-terminal of its own.
+//! A module that sends false replies, on its own pseudo-terminal.
 
 use rustix::fs::{Mode, OFlags, open};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
@@ -23,8 +23,8 @@ fn terminal() -> (File, OwnedFd, String) {
     (File::from(master), slave, path)
 }
 
-/// Answers each request of eight bytes as `answer` says, for as long as the test runs; gives
-/// back where to reach it.
+/// Answers each request of eight bytes as `answer` says, for as long as the test runs; returns
+/// where it can be reached.
 pub(crate) fn liar(answer: impl Fn(&[u8; 8]) -> Vec<u8> + Send + 'static) -> String {
     let (mut line, slave, path) = terminal();
     std::thread::spawn(move || {
@@ -42,16 +42,16 @@ pub(crate) fn liar(answer: impl Fn(&[u8; 8]) -> Vec<u8> + Send + 'static) -> Str
 /// What a slave sends for a request, and how long after it each piece of it comes.
 pub(crate) type Replies = Vec<(Duration, Vec<u8>)>;
 
-/// Answers each request of eight bytes as `script` says, which is told the number of the request,
-/// from 0. Replies come when their time has come, whatever was asked meanwhile.
+/// Answers each request of eight bytes as `script` says, which gets the number of the request, from
+/// 0. Replies come when they are due, whatever was requested meanwhile.
 pub(crate) fn slave(script: impl Fn(usize, &[u8; 8]) -> Replies + Send + 'static) -> String {
     let (mut line, slave, path) = terminal();
-    // Who opens it next must not find it in use by this test.
+    // The next program to open it must not find it in use by this test.
     drop(slave);
     std::thread::spawn(move || {
         let mut request = [0; 8];
         for number in 0.. {
-            // There is nobody, until somebody opens it.
+            // The other end is not open yet.
             while line.read_exact(&mut request).is_err() {
                 std::thread::sleep(Duration::from_millis(1));
             }
@@ -68,7 +68,7 @@ pub(crate) fn slave(script: impl Fn(usize, &[u8; 8]) -> Replies + Send + 'static
     path
 }
 
-/// Says the same again and again, whoever listens, and hears nothing.
+/// Sends the same again and again, whether or not it is open, and receives nothing.
 pub(crate) fn talker(bytes: &'static [u8], every: Duration) -> String {
     let (mut line, slave, path) = terminal();
     std::thread::spawn(move || {

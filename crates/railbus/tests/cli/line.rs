@@ -117,7 +117,7 @@ fn daily_work_through_the_daemon() {
     };
     assert!((0..200).find(is_heard).is_some(), "all are heard");
     daily(&|line| site.run(&format!("--socket {socket} {line}")));
-    // Beside its own polls it asks for others, too.
+    // It sends other requests besides its own polls.
     let ran = site.run(&format!(
         "--socket {socket} -o json scan --addr 1-6 --timeout 200ms"
     ));
@@ -169,7 +169,7 @@ fn watch_tells_changes_until_nobody_reads_or_it_is_stopped() {
     assert_eq!(complaint, "", "it is how one ends it");
 }
 
-/// A daemon that is gone tells nothing any more: that is not the same as that nothing happens.
+/// A daemon that is gone is an error, and not the same as no news.
 #[test]
 fn watch_says_when_the_daemon_is_gone() {
     for end in [Site::stop_first, Site::end_first] {
@@ -207,7 +207,7 @@ fn a_pattern_that_fits_nothing_is_told() {
     }
 }
 
-/// A site may begin with nothing: what is said is where its file will be.
+/// A site can start without a configuration: the message says where its file will be.
 #[test]
 fn a_daemon_starts_without_a_configuration() {
     let mut site = Site::empty("begin");
@@ -237,10 +237,10 @@ fn a_daemon_starts_without_a_configuration() {
     );
 }
 
-/// A state is on or off in every form that people and tables read, of inputs and of outputs.
+/// A state is on or off in every form for people and in tables, of inputs and of outputs.
 #[test]
 fn a_state_is_said_in_the_same_words_everywhere() {
-    // The inputs of the demo move by the clock; these stay as they are put.
+    // The inputs of the demo change with time; these stay as they are set.
     let mut site = plant("vocabulary", "");
     for order in ["gate.di0 = 1", "pump.di0 = 0"] {
         assert_eq!(site.run_with(&["sim", "ctl", "ctl", order], "").code, 0);
@@ -282,7 +282,7 @@ fn a_state_is_said_in_the_same_words_everywhere() {
     child.wait().expect("it ends");
 }
 
-/// As the README has it: a demo in one shell, commands in another, and no flag says where it is.
+/// As in the README: a demo in one shell, commands in another, without a flag for where it is.
 #[test]
 fn a_second_shell_finds_the_daemon() {
     let site = Site::empty("shell");

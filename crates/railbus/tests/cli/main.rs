@@ -1,4 +1,4 @@
-//! The commands as their users meet them: streams, forms, languages and exit codes.
+//! The commands as users see them: streams, forms, languages and exit codes.
 
 mod config;
 mod contract;

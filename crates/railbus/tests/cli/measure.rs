@@ -11,14 +11,14 @@ fn a_bench_reads_and_says_how_often() {
     assert_eq!(modules.len(), 5, "{ran:?}");
     for module in modules {
         assert!(module["n"].as_u64() >= Some(1), "{module}");
-        // Nobody answers before the request is over.
+        // No reply comes before the request is over.
         assert!(module["p50_ms"].as_f64() > Some(10.0), "{module}");
     }
     assert!(
         told["reads_per_s"].as_f64() <= told["theory_per_s"].as_f64(),
         "{ran:?}"
     );
-    // A line where nobody answers.
+    // A line on which no module answers.
     let port = format!("-l pty:{}", site.folder.join("line").display());
     let dead = site.run(&format!("{port} -m erc8 -a 9 bench --time 100ms -o json"));
     assert_eq!(
@@ -30,7 +30,7 @@ fn a_bench_reads_and_says_how_often() {
     assert_eq!(site.run("-l /dev/none-such -m erc8 -a 3 bench").code, 7);
 }
 
-/// It needs the line for itself: where a daemon has it, that is what it says, with and without a
+/// It needs exclusive access to the line: if a daemon has it, the error says so, with and without a
 /// configuration file, and whether that daemon is named or found.
 #[test]
 fn a_bench_says_that_a_daemon_has_the_line() {
@@ -45,7 +45,7 @@ fn a_bench_says_that_a_daemon_has_the_line() {
             why.ends_with("has the line: stop it while you measure"),
             "{why}"
         );
-        // What is told to do helps.
+        // The suggested remedy helps.
         let hint = error["hint"][0].as_str().expect("a hint");
         let told = site.run(hint.strip_prefix("railbus ").expect("a command"));
         assert!(told.out.contains("main"), "{told:?}");
@@ -64,7 +64,7 @@ fn a_bench_says_that_a_daemon_has_the_line() {
         &site,
         &format!("--socket {} bench --time 100ms", site.socket()),
     );
-    // Whoever opens it all the same is told by the port.
+    // A program that opens it anyway gets the error from the port.
     let direct = site.run("bench --direct --time 100ms -o json");
     assert_eq!(direct.error()["code"], "E0706", "{direct:?}");
 }

@@ -7,7 +7,7 @@ use crate::site::{Ran, Site};
 use crate::sniff::{captured, listening};
 use serde_json::{Value, json};
 
-/// Runs it for a program; its end and its words are as expected.
+/// Runs it for its JSON; the exit code and the texts are as expected.
 #[track_caller]
 fn run(site: &Site, line: &str, code: i32) -> Vec<Value> {
     let line = match line.contains("-o ndjson") {
@@ -119,7 +119,7 @@ fn plans_and_what_was_applied_are_as_published() {
     };
     forms.see(&keeps_to(&site, "apply", &report()));
     forms.all_seen();
-    // A module that is nowhere, and what comes after it is left alone.
+    // A module that does not answer, and the rest is left alone.
     let dead = format!("pty:{}", liar(|_| Vec::new()));
     let text = "model = \"erc8\"\naddress = 9\n";
     site.configure(&format!(
@@ -130,7 +130,7 @@ fn plans_and_what_was_applied_are_as_published() {
     run(&site, "apply --yes -O report.json", 3);
     let told = &keeps_to(&site, "apply", &report())[0]["applied"][0];
     assert_eq!(told["done"], false, "{told}");
-    // A line that can not be opened: what is there is not known.
+    // A line that can't be opened: its modules are unknown.
     site.configure(&format!(
         "[line.main]\nport = \"/dev/none-such\"\n[module.gone]\nline = \"main\"\n{text}"
     ));
@@ -195,7 +195,7 @@ fn every_form_of_set_is_as_published() {
     forms.all_seen();
 }
 
-/// Both run until they are stopped; what they serve is told first, and nothing else on stdout.
+/// Both run until they are stopped; what they serve is printed first, and nothing else on stdout.
 #[test]
 fn what_a_simulator_serves_is_as_published() {
     let site = Site::empty("outputs-sim");
@@ -269,7 +269,7 @@ fn groups_and_scenes_are_shown_tried_and_played() {
         assert_eq!(played["set"].as_array().map(Vec::len), Some(3), "{played}");
         assert_eq!(played["set"][2]["confirmed"], "readback");
 
-        // The same frames as the group is said to go out in; toggled, all of it goes off.
+        // The frames that the group is shown to be sent in; toggled, all of it goes off.
         let off = one("set @night off -n", 0);
         assert_eq!(off["frames"].as_array().map(Vec::len), Some(2), "{off}");
         assert_eq!(one("set @night toggle -n", 0), off);
@@ -284,7 +284,7 @@ fn groups_and_scenes_are_shown_tried_and_played() {
         };
         assert_eq!(refused("set @nobody off -n"), (8, "E0860".into()));
 
-        // What follows the step that fails is not done.
+        // What follows the failed step is not done.
         let cut = run("scene run guarded", 11);
         let ends = cut[0]["set"].as_array().expect("a list").clone();
         assert_eq!(ends[0]["value"], false, "{cut:?}");

@@ -78,7 +78,7 @@ impl Forms {
         }
     }
 
-    /// What is published and never printed would be a promise that nobody keeps.
+    /// A published form that is never printed is an empty promise.
     #[track_caller]
     pub(crate) fn all_seen(&self) {
         for (index, (form, _)) in self.all.iter().enumerate() {

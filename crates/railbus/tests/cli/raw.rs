@@ -1,4 +1,4 @@
-//! Frames of one's own on a line of one's own: what comes too late is nobody's reply.
+//! Raw frames on a line opened here: a late reply counts for no request.
 
 use crate::liar::{Replies, slave};
 use crate::site::Site;
@@ -24,8 +24,8 @@ fn after(ms: u64, bytes: Vec<u8>) -> (Duration, Vec<u8>) {
     (Duration::from_millis(ms), bytes)
 }
 
-/// The first reply comes 400 ms after its request, which waited 100 ms for it; by then something
-/// else was asked, and is answered after it. Outputs are 5 at first, then 10.
+/// The first reply comes 400 ms after its request, which waited 100 ms for it; by then another
+/// request was sent, and is answered after it. Outputs are 5 at first, then 10.
 fn late() -> String {
     slave(|number, _| -> Replies {
         match number {
@@ -57,8 +57,8 @@ fn a_late_reply_is_not_taken_for_that_to_the_next_get() {
     assert_eq!((told.code, told.out.as_str()), (0, "off\non\n"), "{told:?}");
 }
 
-/// What a module says to a command of one coil is that command once more, and an adapter that
-/// echoes says it for a module that is dead.
+/// A module's reply to a command of one coil repeats that command, and an adapter that echoes does
+/// so for a dead module.
 #[test]
 fn an_echo_is_no_acknowledgement_of_a_dead_module() {
     let site = Site::empty("raw-echo");
@@ -87,7 +87,7 @@ fn an_acknowledgement_is_told_with_an_echo_and_without() {
     }
 }
 
-/// Bytes that are no request of any protocol are sent, where that is meant; what comes back is
+/// Bytes that are no request of any protocol are sent if that is confirmed; what comes back is
 /// shown as it is.
 #[test]
 fn what_nobody_knows_is_sent_and_not_interpreted() {
@@ -104,8 +104,8 @@ fn what_nobody_knows_is_sent_and_not_interpreted() {
     assert_eq!(told.json()["meaning"], serde_json::Value::Null, "{told:?}");
 }
 
-/// Who is killed can't wait for the reply to what it asked, which comes 300 ms later: whoever has
-/// the port next listens for it.
+/// A killed process can't wait for the reply to its request, which comes 300 ms later: the next
+/// user of the port waits until it has come.
 #[test]
 fn the_reply_to_one_that_was_killed_is_not_taken_for_that_to_the_next() {
     let site = Site::empty("killed");

@@ -1,4 +1,4 @@
-//! `railbus scan` on the demo line: what it prints, writes, keeps, and goes on with.
+//! `railbus scan` on the demo line: what it prints, writes, stores, and resumes.
 
 use crate::liar::{liar, slave};
 use crate::site::{Ran, Site, signal};
@@ -151,7 +151,7 @@ fn nothing_is_changed_and_known_modules_are_named() {
         yard.out.contains("at least 3 channels, module yard"),
         "{yard:?}"
     );
-    // One that is not as configured, and one that is not there.
+    // One that is not as configured, and one that is missing.
     let text = std::fs::read_to_string(site.folder.join("railbus.toml")).expect("text");
     let port = text.lines().nth(1).expect("a port");
     site.configure(&format!(
@@ -188,7 +188,7 @@ fn what_is_found_is_written_where_one_wants_it() {
         protocol = \"lc02\"\n";
     assert!(text.contains(gate), "{text}");
     assert_eq!(site.run("get erc8_3.k1 -o value").out, "off\n");
-    // What is there stays as it was written, and what is known is not written again.
+    // What is there stays as written, and a known module is not written again.
     let kept = text.replace("[module.emd2a2q_5]", "# the tank\n[module.tank]");
     let (kept, _) = kept
         .split_once("[module.eda9050_2]")
@@ -277,7 +277,7 @@ fn ctrl_c_keeps_what_was_found() {
     assert!(!models(&resumed).is_empty(), "{resumed:?}");
 }
 
-/// The daemon asks for it between its own reads, in any speed.
+/// The daemon scans between its own polls, at any speed.
 #[test]
 fn all_of_it_goes_through_the_daemon() {
     let site = Site::served("scan-daemon");
@@ -296,7 +296,7 @@ fn all_of_it_goes_through_the_daemon() {
     assert_eq!(run("ls").out.lines().filter(|line| online(line)).count(), 5);
 }
 
-/// Whoever is at the address, his replies are spoilt each time.
+/// A module whose replies are garbled every time.
 #[test]
 fn two_modules_on_one_address_are_told_of() {
     let site = Site::empty("scan-conflict");
@@ -306,7 +306,7 @@ fn two_modules_on_one_address_are_told_of() {
     assert_eq!(ran.code, 0, "{ran:?}");
     let row = "3 (03h) rtu ? 3 of 3 replies wrong – garbled: two modules on one address?";
     assert_eq!(words(ran.out.lines().nth(1).expect("a row")), row);
-    // What helps is by hand: there is no module of the configuration to recover.
+    // The remedy is manual: the configuration has no module to recover.
     assert!(
         ran.err
             .contains("two modules at address 3? Switch one of them off"),
@@ -328,8 +328,8 @@ fn two_modules_on_one_address_are_told_of() {
     assert_eq!(evidence, Some(3), "{json}");
 }
 
-/// Eight coils, and silence to all else: nothing proves what it is. It is written down only as what
-/// the user says, and only where it could be that.
+/// Eight coils, and no reply to anything else: nothing proves the model. It is written only as what
+/// the user says, and only if it could be that.
 #[test]
 fn what_could_be_several_is_added_only_by_name() {
     let site = Site::empty("scan-could-be");
@@ -374,12 +374,13 @@ fn what_could_be_several_is_added_only_by_name() {
     );
 }
 
-/// Who answers only when he is asked once more, and waited for, is found; others may not have been.
+/// A module that answers only when asked again with a longer timeout is found; others may have been
+/// missed.
 #[test]
 fn a_line_on_which_modules_are_slow_is_told_of() {
     let site = Site::empty("scan-slow");
     let asked = AtomicUsize::new(0);
-    // Later than silence is believed, be the machine busy or not.
+    // Later than the reply timeout, whether or not the machine is busy.
     let late = Duration::from_millis(60);
     let port = slave(move |_, frame| match frame {
         [1, 1, 0, 0, 0, 8, ..] if asked.fetch_add(1, Ordering::Relaxed) % 2 == 1 => {
@@ -412,7 +413,8 @@ fn a_line_on_which_modules_are_slow_is_told_of() {
     );
 }
 
-/// In real time it takes what it says, and no less than the wire does; on a busy machine more.
+/// In real time it takes as long as it says, and no less than on the wire; on a busy machine
+/// longer.
 #[test]
 fn it_takes_about_as_long_as_it_says() {
     let (site, port) = bare("scan-time");
@@ -420,7 +422,7 @@ fn it_takes_about_as_long_as_it_says() {
     let of = |key: &str| json[key].as_f64().expect("a number");
     let (took, estimate) = (of("took_ms"), of("estimate_ms"));
     assert!((8_000.0..10_000.0).contains(&estimate), "{estimate}");
-    // It counts the wait for slow modules, too, which only a line with nobody on it costs.
+    // The estimate includes the wait for slow modules, which only an empty line needs.
     let without_wait = estimate - 1_000.0;
     assert!(
         took > 0.9 * without_wait && took < 4.0 * estimate,
@@ -428,7 +430,7 @@ fn it_takes_about_as_long_as_it_says() {
     );
 }
 
-/// Who never stops sending is no module.
+/// A station that never stops sending is no module.
 #[test]
 fn a_line_that_is_never_silent_is_given_up() {
     let site = Site::empty("scan-noise");

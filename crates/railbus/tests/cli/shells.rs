@@ -89,7 +89,7 @@ fn other_shells_take_their_scripts() {
     }
 }
 
-/// Names are those of the daemon that the command would ask, where it answers at once; else those
+/// Names are those of the daemon that the command would use, if it answers at once; otherwise those
 /// of the file.
 #[test]
 fn names_are_asked_of_the_daemon() {
@@ -109,7 +109,7 @@ fn names_are_asked_of_the_daemon() {
     assert_eq!(told(&own, "get ga"), "");
     served.start(&["serve", "--demo", "--listen", "127.0.0.1:0"], "socket");
     assert_eq!(told(&served, "get gat").lines().next(), Some("gate"));
-    // One that takes the question and never answers.
+    // One that accepts the connection and never answers.
     let mute = own.folder.join("mute");
     let _mute = std::os::unix::net::UnixListener::bind(&mute).expect("a socket");
     let begun = std::time::Instant::now();
@@ -175,7 +175,7 @@ fn scripts_and_pages_go_where_they_are_found() {
         (1, Some("E0195")),
         "{ran:?}"
     );
-    // What groff says of a page is nothing.
+    // groff's messages about a page are none.
     for (lang, page) in [("en", "set"), ("zh", "doctor")] {
         let page = run(&format!("--lang {lang} man {page}"));
         std::fs::write(site.folder.join("page.1"), page).expect("a file");

@@ -24,7 +24,7 @@ impl Ran {
         serde_json::from_str(&self.out).unwrap_or_else(|error| panic!("{error}: {self:?}"))
     }
 
-    /// What it complained of, as JSON.
+    /// Its error, as JSON.
     pub fn error(&self) -> serde_json::Value {
         let last = self.err.lines().last().unwrap_or_default();
         let told: serde_json::Value =
@@ -33,7 +33,7 @@ impl Ran {
     }
 }
 
-/// Processes and files that are gone at the end of a test, however that comes.
+/// Processes and files that are removed at the end of a test, however it ends.
 pub struct Site {
     pub folder: PathBuf,
     children: Vec<Child>,
@@ -102,14 +102,14 @@ impl Site {
         self.start(&listen, "socket");
     }
 
-    /// Kills what was started first and runs still.
+    /// Kills the oldest process that is still running.
     pub fn stop_first(&mut self) {
         let mut child = self.children.remove(0);
         child.kill().expect("it runs");
         child.wait().expect("it ends");
     }
 
-    /// Asks it to end, and waits for that.
+    /// Sends it SIGTERM, and waits for its end.
     pub fn end_first(&mut self) {
         let mut child = self.children.remove(0);
         signal(&child, Signal::TERM);
@@ -124,7 +124,7 @@ impl Site {
         std::fs::write(self.folder.join("railbus.toml"), text).expect("a file");
     }
 
-    /// Starts it and waits until it has said a word.
+    /// Starts it and waits until it has printed a word.
     pub fn start(&mut self, arguments: &[&str], word: &str) {
         let mut command = self.command();
         let mut child = command
@@ -139,7 +139,7 @@ impl Site {
             line.clear();
             assert_ne!(said.read_line(&mut line).expect("text"), 0, "it ended");
         }
-        // Who writes more must not be stopped by a full or a broken pipe.
+        // A process that prints more must not be stopped by a full or a broken pipe.
         std::thread::spawn(move || std::io::copy(&mut said, &mut std::io::sink()));
     }
 
@@ -160,7 +160,7 @@ impl Site {
         command
     }
 
-    /// Runs it to its end; the words are parted by blanks.
+    /// Runs it to its end; the words are separated by blanks.
     pub fn run(&self, line: &str) -> Ran {
         self.run_with(&line.split(' ').collect::<Vec<_>>(), "")
     }

@@ -1,4 +1,4 @@
-//! Lines that are only listened to, and files of what was heard.
+//! Listening to lines, and files of what was received.
 
 use crate::published::{keeps_to, schema};
 use crate::site::{Ran, Site};
@@ -21,7 +21,7 @@ fn rtu(head: &[u8]) -> Vec<u8> {
     frame
 }
 
-/// A line with four protocols and much that is wrong: gaps in microseconds, and frames.
+/// A line with four protocols and many faults: gaps in microseconds, and frames.
 pub(crate) fn faulty() -> Vec<(u64, Vec<u8>)> {
     let read = rtu(&[0x03, 0x01, 0x00, 0x3C, 0x00, 0x08]);
     let write = rtu(&[0x03, 0x05, 0x00, 0x3C, 0xFF, 0x00]);
@@ -221,10 +221,10 @@ fn what_is_no_capture_is_told_so() {
     );
 }
 
-/// The far end of a line that somebody listens to.
+/// The far end of a line that is listened to.
 pub(crate) struct Wire {
     pub(crate) master: OwnedFd,
-    /// Held open so that the master lives on.
+    /// Held open so that the master does not get a hang-up.
     _slave: OwnedFd,
     pub(crate) name: String,
 }
@@ -313,7 +313,7 @@ fn the_speed_of_a_line_is_found_by_listening() {
                 .expect("a terminal")
                 .output_speed();
             for (_, frame) in &frames[..6] {
-                // At another speed a receiver makes something else of the bits.
+                // At another speed a receiver sees other bits.
                 let heard: Vec<u8> = match speed {
                     19_200 => frame.clone(),
                     _ => frame
@@ -345,7 +345,7 @@ fn the_speed_of_a_line_is_found_by_listening() {
         (told["baud"].as_u64(), told["sure"].as_bool()),
         (Some(19_200), Some(true))
     );
-    // What it found is told beside the frames, and published with them.
+    // Its findings are reported with the frames, and published with them.
     assert!(schema(&site, "sniff").is_valid(&told), "{told}");
 }
 
@@ -362,7 +362,7 @@ fn a_line_of_the_daemon_is_looked_at_without_touching_it() {
     let rows = keeps_to(&site, "sniff", &ran);
     let replies: Vec<_> = rows.iter().filter(|row| row["role"] == "reply").collect();
     assert!(replies.len() > 5, "{ran:?}");
-    // A busy machine may hold up a simulated module in the middle of a frame: that is told.
+    // A busy machine may delay a simulated module in the middle of a frame: that is reported.
     let whole: Vec<_> = replies
         .iter()
         .filter(|reply| reply["verdict"] == "ok")
@@ -374,7 +374,7 @@ fn a_line_of_the_daemon_is_looked_at_without_touching_it() {
             "{reply}"
         );
     }
-    // Its own words are told, too; a line that it does not have, is not.
+    // Its own messages are reported as well; a line that it does not have is not.
     let zh = site.run(&format!("sniff --socket {socket} --count 1 --lang zh"));
     assert!(zh.err.contains("不影响总线"), "{zh:?}");
     let none = site.run(&format!("sniff --socket {socket} -l attic"));

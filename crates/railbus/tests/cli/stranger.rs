@@ -1,5 +1,5 @@
-//! Another model in a module's place: told everywhere, given no commands, and forgotten as soon as
-//! the right one is back.
+//! Another model at a module's address: reported everywhere, given no commands, and forgotten as
+//! soon as the right one is back.
 
 use crate::site::{Ran, Site};
 use std::io::{Read, Write};
@@ -13,7 +13,7 @@ const PLANT: &str = "[line.main]\nport = \"pty:LINE\"\n\
     [module.right]\nline = \"main\"\nmodel = \"eda9060a\"\naddress = 2\n\
     sim = { factory = true, power = \"off\" }\n";
 
-/// What the configuration believes.
+/// The configuration.
 const CONFIG: &str = "[line.main]\nport = \"pty:LINE\"\n\
     [module.pump]\nline = \"main\"\nmodel = \"eda9060a\"\naddress = 1\n";
 
@@ -27,7 +27,7 @@ fn site(name: &str) -> Site {
     site
 }
 
-/// Runs a command, against the daemon where there is one.
+/// Runs a command, against the daemon if there is one.
 fn run(site: &Site, line: &str) -> Ran {
     let socket = site.socket();
     let mut words: Vec<&str> = line.split(' ').collect();
@@ -45,7 +45,7 @@ fn swap(site: &Site, out: &str, into: &str) {
     }
 }
 
-/// Waits until the module is told to be so.
+/// Waits until the module is reported like this.
 fn until(site: &Site, state: &str) -> serde_json::Value {
     let begun = Instant::now();
     loop {
@@ -88,8 +88,7 @@ fn change(site: &Site, keys: &str) {
     assert!(told.starts_with("HTTP/1.1 200 "), "{told}");
 }
 
-/// It is told to be the module that it should be, with all its values, and nobody calls it another
-/// model.
+/// It is reported as the configured module, with all its values, and nowhere as another model.
 fn is_taken_for_the_model(site: &Site) {
     let module = until(site, "online");
     assert!(module["answers_as"].is_null(), "{module}");
@@ -154,7 +153,7 @@ fn another_model_is_told_everywhere_and_gets_no_commands() {
         "1000"
     );
 
-    // And the wrong one once more: it is never told to be the right one.
+    // And the wrong one once more: it is never reported as the right one.
     swap(&site, "right", "wrong");
     let begun = Instant::now();
     let mut was_away = false;
@@ -197,7 +196,7 @@ fn who_is_not_to_be_asked_is_taken_for_the_model() {
     let mut site = site("stranger-unasked");
     let file = site.folder.join("railbus.toml");
     let config = || std::fs::read_to_string(&file).expect("a file");
-    // Nobody polls without a daemon, and there the key holds as well.
+    // Without a daemon nothing is polled, and the key works there too.
     site.configure(&format!("{}identify = false\n", config()));
     is_taken_for_the_model(&site);
 
@@ -205,12 +204,12 @@ fn who_is_not_to_be_asked_is_taken_for_the_model() {
     is_taken_for_the_model(&site);
     let events = asked(&site, "GET", "events", "");
     assert!(!events.contains("module_other_model"), "{events}");
-    // It is another key that somebody changes meanwhile.
+    // Meanwhile a different key is changed.
     change(&site, "{\"poll\":\"100ms\"}");
     assert!(config().contains("identify = false"), "{}", config());
     is_taken_for_the_model(&site);
 
-    // A daemon at work need not begin anew to ask, nor to leave it.
+    // A running daemon does not have to restart to begin or stop asking for the model.
     change(&site, "{\"identify\":null}");
     assert!(!config().contains("identify"), "{}", config());
     until(&site, "other_model");

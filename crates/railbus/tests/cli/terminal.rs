@@ -39,13 +39,13 @@ pub(crate) fn shown(site: &Site, columns: u16, line: &str) -> String {
     let mut child = command.spawn().expect("railbus starts");
     drop(command);
     let mut text = Vec::new();
-    // The end is an error here: nobody has the other side open any more.
+    // The end is an error here: the other side is no longer open.
     let _ = File::from(master).read_to_end(&mut text);
     child.wait().expect("it ends");
     String::from_utf8(text).expect("text").replace("\r\n", "\n")
 }
 
-/// What people need least goes first, and what is left is still a table that fits.
+/// The least important columns go first, and what is left is still a table that fits.
 #[test]
 fn a_table_too_wide_for_the_terminal_does_without_some_columns() {
     let mut site = Site::demo("terminal-table");
@@ -85,8 +85,8 @@ fn a_table_too_wide_for_the_terminal_does_without_some_columns() {
     assert!(narrow.starts_with("MODULE  "), "{narrow}");
 }
 
-/// What people call it stands beside what commands call it; in the other language where it has no
-/// name in this one.
+/// Display names are shown beside command names; in the other language if there is none in this
+/// one.
 #[test]
 fn names_are_listed_at_eighty_columns() {
     let mut site = Site::demo("terminal-names");
@@ -126,7 +126,7 @@ fn names_are_listed_at_eighty_columns() {
     let points = run(80, "get oven --fresh");
     assert!(points.starts_with("oven.k1  off  Heater"), "{points}");
     assert_eq!(run(40, "ls").lines().count(), 6);
-    // Where nothing has a name, there is no room kept for one.
+    // Where nothing has a display name, there is no column for one.
     let nameless = run(80, "get gate.do0 --fresh");
     assert!(nameless.starts_with("gate.do0  off\n"), "{nameless}");
 }
@@ -173,8 +173,8 @@ fn errors_are_coloured_on_a_terminal_and_not_in_a_pipe() {
     assert!(!site.run("get pump").err.contains('\x1b'));
 }
 
-/// What an error says is broken between words where the terminal is narrow, and goes on below its
-/// own beginning. Commands and paths are whole, and a pipe has each text on one line.
+/// An error message is broken between words on a narrow terminal, and its next lines are indented.
+/// Commands and paths are not broken, and a pipe has each text on one line.
 #[test]
 fn errors_fit_themselves_to_the_terminal() {
     let site = Site::empty("terminal-errors");
@@ -198,7 +198,7 @@ fn errors_fit_themselves_to_the_terminal() {
             assert_eq!(joined(&text), joined(&piped), "{columns}: {text}");
             for line in text.lines() {
                 let fits = line.width() <= usize::from(columns);
-                // Who copies a command or a path wants all of it.
+                // A command or a path must be copied whole.
                 let whole = line.contains("railbus -l") || line.contains(&path);
                 assert!(fits || whole, "{columns}: {text}");
             }

@@ -150,7 +150,7 @@ fn a_table_and_a_bare_token_are_for_people_and_scripts() {
     assert_eq!(added.out, "已添加 李工\n");
 }
 
-/// The way that is told leads there: whoever is not there yet has no password to change.
+/// The suggested commands work: an account that does not exist yet has no password to change.
 #[test]
 fn without_a_terminal_the_same_command_is_told_with_a_file() {
     let site = Site::empty("users-no-terminal");

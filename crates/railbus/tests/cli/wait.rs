@@ -9,7 +9,7 @@ use std::os::unix::net::{UnixListener, UnixStream};
 use std::process::Stdio;
 use std::time::{Duration, Instant};
 
-/// What must hold whoever has the line.
+/// What must hold with and without a daemon.
 fn waits(site: &Site, flags: &[&str]) {
     let run = |line: &str| {
         let line = format!("{} {line}", flags.join(" "));
@@ -67,7 +67,7 @@ fn waits(site: &Site, flags: &[&str]) {
     }
     assert_eq!(run("wait pump.no=on").code, 8);
 
-    // A value of which nothing is known any more does not count, though it is the wanted one.
+    // A value that is unknown now does not count, though it is the wanted one.
     power(site, "oven", "off");
     if !flags.is_empty() {
         let is_missed = (0..400).any(|_| run("get oven.k1 -o value").out == "?\n");
@@ -93,7 +93,7 @@ fn it_waits_on_a_line_opened_here() {
     waits(&site, &[]);
 }
 
-/// What somebody who looks like a daemon answers.
+/// Answers of a process that looks like a daemon.
 enum Answer {
     Whole(Value),
     /// One line, and then nothing more.
@@ -154,7 +154,7 @@ fn told(event: &Value) -> Answer {
     Answer::Stream(event)
 }
 
-/// A value can come in the last moment, or be good again, without a word of it in time.
+/// A value can come, or be good again, at the last moment, without an update in time.
 #[test]
 fn what_is_reached_when_the_time_is_over_is_reached() {
     let site = Site::empty("wait-last");
@@ -174,7 +174,7 @@ fn what_is_reached_when_the_time_is_over_is_reached() {
     assert_eq!(vain.code, 12, "{vain:?}");
 }
 
-/// Whoever is asked says nothing, at this step or that.
+/// The daemon stops answering at this step or that.
 #[test]
 fn it_waits_no_longer_than_was_said() {
     let never: [(&str, Answers); 3] = [

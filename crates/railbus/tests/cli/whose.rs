@@ -1,4 +1,4 @@
-//! Whose daemon it is: a command never goes to another site than the one that is meant.
+//! Which daemon: a command never goes to another site than the one that is meant.
 
 use crate::site::{Ran, Site};
 use crate::terminal::shown;
@@ -70,7 +70,7 @@ fn a_daemon_of_another_site_is_not_asked() {
         assert_eq!(error["served"], served, "{error}");
         assert_eq!(error["socket"], socket(&site).display().to_string());
     }
-    // The ways out that are told lead there.
+    // The suggested commands work.
     let error = site.run("ls -o json").error();
     let ways = error["hint"].as_array().expect("hints").iter();
     let ways: Vec<Ran> = ways
@@ -89,10 +89,10 @@ fn a_daemon_of_another_site_is_not_asked() {
     command.env("RAILBUS_SOCKET", socket(&site)).arg("ls");
     let named = command.output().expect("it runs");
     assert!(String::from_utf8_lossy(&named.stdout).contains("yard"));
-    // Nothing has moved meanwhile.
+    // Nothing has changed meanwhile.
     let demo = format!("--socket {} get pump.do3 -o value", socket(&site).display());
     assert_eq!(site.run(&demo).out, "off\n");
-    // What only reads the file goes on with it.
+    // A command that only reads the file uses it.
     assert_eq!(site.run("config check").code, 0);
     assert!(site.run("export csv").out.contains("pump.do0"));
     let path = site.run("config path -o json").json();
@@ -130,7 +130,7 @@ fn the_doctor_says_whose_daemon_it_is() {
         told.contains(&format!("running for {}", file.display())),
         "{told}"
     );
-    // The same site is the same by every way that leads to its file.
+    // The same file is the same site, whatever path leads to it.
     std::fs::create_dir(site.folder.join("below")).expect("a folder");
     std::os::unix::fs::symlink(&file, site.folder.join("link.toml")).expect("a link");
     for line in ["ls -o json", "--config link.toml ls -o json"] {
@@ -158,7 +158,7 @@ fn without_a_configuration_of_ones_own_people_are_told() {
     assert_eq!(site.run("ls lines").err, "", "it is no terminal");
 }
 
-/// A socket that is named is meant, by every command that could ask a daemon.
+/// A socket that is named is used, by every command that could ask a daemon.
 #[test]
 fn a_socket_that_is_named_succeeds_or_fails() {
     let site = Site::demo("whose-named");
@@ -185,7 +185,7 @@ fn a_socket_that_is_named_succeeds_or_fails() {
     forbidden(&site.folder, &reasons[1].0);
 }
 
-/// One that may not be opened says so. Nothing is forbidden to root.
+/// One that can't be opened for lack of permission is reported as such. Root can open anything.
 fn forbidden(folder: &Path, socket: &Path) {
     let mut command = std::process::Command::new("setpriv");
     let copy = folder.join("railbus");
@@ -210,14 +210,14 @@ fn forbidden(folder: &Path, socket: &Path) {
         return;
     };
     let said = String::from_utf8_lossy(&output.stderr);
-    // Only root may become somebody else.
+    // Only root can become another user.
     if !said.contains("setpriv:") {
         assert!(said.contains("no permission to open this socket"), "{said}");
     }
 }
 
-/// Everything that is done to the settings of modules is done through the daemon that has them:
-/// on the demo, too, whose file nobody has made.
+/// All changes of modules' settings go through the daemon that has them: also on the demo, whose
+/// file was not made by hand.
 #[test]
 fn the_settings_of_modules_go_through_the_daemon() {
     let site = demo("whose-settings");
@@ -233,7 +233,7 @@ fn the_settings_of_modules_go_through_the_daemon() {
         pump.expect("pump")["address"].clone()
     };
     assert_eq!(well("config get pump address -o value"), "1\n");
-    // The line is the daemon's again when the command ends, and asked at once it knows the values.
+    // The daemon gets its line back when the command ends, and asked at once it knows the values.
     assert_eq!(well("get pump.do0 -o value"), "off\n");
     well("config show -q");
     assert_eq!(well("set pump.do0 on -q"), "");
@@ -242,7 +242,7 @@ fn the_settings_of_modules_go_through_the_daemon() {
     assert_eq!(well("get pump.do0 -o value"), "on\n");
     let log = well("config log");
     assert!(log.contains("address 1 → 9"), "{log}");
-    // The daemon's pages and the command line have one journal.
+    // The daemon's pages and the command line share one journal.
     let csv = well("export csv");
     assert!(csv.contains("pump.do0,pump,do0,0,main,"), "{csv}");
     assert!(csv.contains(",eda9060a,9,ascii,"), "{csv}");
@@ -256,12 +256,12 @@ fn the_settings_of_modules_go_through_the_daemon() {
     assert!(well("config check").contains("no errors"));
     let doctor = well("doctor -o json");
     assert!(!doctor.contains("D301"), "{doctor}");
-    // Nothing is left where the commands ran.
+    // Nothing is left in the folder the commands ran in.
     assert!(!site.folder.join(".railbus").exists());
     assert!(!site.folder.join("railbus.toml").exists());
 }
 
-/// What a scan finds is the daemon's to write: it is served at once.
+/// The daemon writes what a scan finds: it is served at once.
 #[test]
 fn modules_that_a_scan_adds_are_served_at_once() {
     let mut site = Site::demo("whose-add");
@@ -280,7 +280,7 @@ fn modules_that_a_scan_adds_are_served_at_once() {
     assert!(file.starts_with("# the first of them\n"), "{file}");
 }
 
-/// What to do next, where there is no configuration: not to start what runs already.
+/// The suggested next step without a configuration: not to start what is already running.
 #[test]
 fn without_a_configuration_the_daemon_that_runs_is_named() {
     let site = demo("whose-hint");
@@ -294,8 +294,8 @@ fn without_a_configuration_the_daemon_that_runs_is_named() {
     assert_eq!(error["hint"][0], "railbus serve --demo", "{error}");
 }
 
-/// Puts something at the place where commands look for a daemon that answers every request with
-/// this; or never.
+/// A process at the place where commands look for a daemon that answers every request with this; or
+/// never.
 fn odd_daemon(site: &Site, answer: Option<&'static str>) {
     std::fs::create_dir_all(site.folder.join("run")).expect("a folder");
     let listener = std::os::unix::net::UnixListener::bind(socket(site)).expect("a socket");
@@ -306,7 +306,7 @@ fn odd_daemon(site: &Site, answer: Option<&'static str>) {
             match answer {
                 None => silent.push(stream),
                 Some(answer) => {
-                    // The head of a request; who only looks whether anybody is there sends none.
+                    // The head of a request; a mere check whether the socket is open sends none.
                     let _ = stream.read(&mut [0; 4096]);
                     let _ = stream.write_all(answer.as_bytes());
                 }
@@ -315,8 +315,8 @@ fn odd_daemon(site: &Site, answer: Option<&'static str>) {
     });
 }
 
-/// One that is too old to say which site it serves, or hangs, is not in the way of a file that is
-/// named. Else it may be the one that is meant, and what is told is what it is.
+/// A daemon that is too old to report its site, or hangs, does not keep a command from using a
+/// named file. Otherwise it may be the one that is meant, and the message says what it is.
 #[test]
 fn a_daemon_that_can_not_be_asked_is_skipped_or_told() {
     let bare = "HTTP/1.1 404 Not Found\r\ncontent-length: 0\r\n\r\n";
@@ -329,7 +329,7 @@ fn a_daemon_that_can_not_be_asked_is_skipped_or_told() {
     ] {
         let site = Site::demo(&format!("whose-odd-{name}"));
         odd_daemon(&site, answer);
-        // One that hangs is waited for by each.
+        // Each waits for one that hangs.
         let count = if answer.is_some() { 2 } else { 1 };
         for line in ["get pump.do1", "config get pump address"]
             .iter()
@@ -350,7 +350,7 @@ fn a_daemon_that_can_not_be_asked_is_skipped_or_told() {
     }
 }
 
-/// A command that waits for half a minute seems to hang itself.
+/// A command that waits for half a minute seems to hang.
 #[test]
 fn a_daemon_that_hangs_is_told_within_seconds() {
     let site = Site::empty("whose-hangs");
@@ -369,7 +369,8 @@ fn a_daemon_that_hangs_is_told_within_seconds() {
     assert!(error["hint"].to_string().contains("restart"), "{error}");
 }
 
-/// A file that is named is a site of its own: no daemon of another one lends its line to that.
+/// A file that is named is a site of its own: no daemon of another one gives it exclusive access to
+/// a line.
 #[test]
 fn a_line_is_borrowed_only_from_the_daemon_of_the_file_that_is_named() {
     let mut site = Site::demo("whose-lends");
@@ -382,7 +383,7 @@ fn a_line_is_borrowed_only_from_the_daemon_of_the_file_that_is_named() {
     let other = of("other.toml");
     assert_eq!(other.code, 7, "{other:?}");
     assert!(other.err.contains("E0706"), "{other:?}");
-    // A port that is named is meant, whoever has it.
+    // A port that is named is used, whichever process has it.
     let port = site.folder.join("line").display().to_string();
     let line = format!("-l pty:{port} -m eda9060a -a 1 config show -q");
     let named = site.run(&line);

@@ -1,4 +1,4 @@
-//! What we keep, opened by a Wireshark that others wrote.
+//! Our capture files, opened by an unmodified Wireshark.
 
 use crate::site::Site;
 use crate::sniff::{Wire, captured, faulty};
@@ -12,7 +12,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-/// Whether there is a tshark. Without one there is nothing to ask; continuous integration has it.
+/// Whether there is a tshark. Without one the tests are skipped; continuous integration has it.
 fn there_is_none(test: &str) -> bool {
     let none = Command::new("tshark").arg("-v").output().is_err();
     assert!(
@@ -52,7 +52,7 @@ fn as_nobody(program: &str) -> Command {
     command
 }
 
-/// Lets everybody use a file or folder.
+/// Makes a file or folder readable for all users.
 fn open_to_all(path: &Path) {
     let all = std::fs::Permissions::from_mode(0o777);
     std::fs::set_permissions(path, all).expect("it is ours");
@@ -275,7 +275,7 @@ fn wireshark_lists_and_captures_our_lines() {
         return;
     }
     let site = Site::empty("wireshark-extcap");
-    // Where tshark runs as somebody else, he may not go where the program was built.
+    // If tshark runs as another user, the folder where the program was built may be closed to it.
     let program = site.folder.join("railbus");
     std::fs::copy(env!("CARGO_BIN_EXE_railbus"), &program).expect("it is there");
     let install = ["sniff", "--install-wireshark", "--dir", "ws"];

@@ -1,6 +1,6 @@
 //! What two runs of a page have in common.
 
-/// Numbers that are measured, by their names; and all that end in `_ms` or `_bytes`.
+/// Names of measured numbers; also all that end in `_ms` or `_bytes`.
 const MEASURED: &[&str] = &["t", "at_us", "busy_percent"];
 
 /// The same but for what differs from run to run: measured times, moments, numbers and keys that
@@ -22,7 +22,7 @@ pub(crate) fn calm(text: &str) -> String {
             let word = word.trim_end_matches([',', '.', ';', '，', '。', '；']);
             matches!(word, "ms" | "s" | "毫秒" | "秒" | "%")
         };
-        // How much noise came meanwhile, and how often it was asked into it.
+        // How much noise there was, and during how many requests.
         let is_noisy = line.contains("(not a valid reply)") || line.contains("不是有效应答");
         let masked = words.iter().enumerate().map(|(at, word)| {
             let measured = word.parse::<f64>().is_ok() && words.get(at + 1).is_some_and(is_unit);

@@ -1,7 +1,7 @@
-//! The reader's shell: a folder of its own, the program in the path.
+//! The reader's shell: its own folder, the program in the path.
 //!
-//! Where a page says `/tmp/`, a reader's files lie; here that is the folder, and where it says
-//! [`ADDRESS`], here that is a port that is free: so that pages that are tried at once do not meet.
+//! Where a page has `/tmp/`, a reader's files are; here that is the folder, and [`ADDRESS`] is
+//! replaced by a free port, so that pages tested at the same time do not collide.
 
 use crate::websocket::Client;
 use std::io::{BufRead, BufReader};
@@ -13,7 +13,7 @@ use std::time::Duration;
 
 /// Where the daemon of a page listens.
 const ADDRESS: &str = "127.0.0.1:7485";
-/// Before it has said where it does.
+/// Before it has printed where it does.
 const ANY_PORT: &str = "127.0.0.1:0";
 
 pub(crate) struct Shell {
@@ -81,7 +81,7 @@ impl Shell {
                 "{command}: {text}"
             );
         }
-        // Who writes more must not be stopped by a full or a broken pipe.
+        // A process that prints more must not be stopped by a full or a broken pipe.
         std::thread::spawn(move || std::io::copy(&mut said, &mut std::io::sink()));
         if let Some((_, after)) = text.split_once("http://") {
             after
@@ -102,13 +102,13 @@ impl Shell {
         client.expect("it is let in")
     }
 
-    /// What a page says, as it is meant here.
+    /// Replaces what a page shows by what is used here.
     fn here(&self, text: &str) -> String {
         text.replace("/tmp/", &format!("{}/", self.folder.display()))
             .replace(ADDRESS, &self.address)
     }
 
-    /// What was said here, as a page says it.
+    /// Replaces what is used here by what a page shows.
     fn there(&self, text: &str) -> String {
         let folder = self.folder.display().to_string();
         let text = text

@@ -1,5 +1,5 @@
-//! An adapter with a relay board on its line: a pseudo-terminal under a name that stays, whatever
-//! its number is.
+//! An adapter with a relay board on its line: a pseudo-terminal under a stable name, whatever its
+//! number is.
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fd::OwnedFd;
@@ -38,7 +38,7 @@ impl Adapter {
         let pulled = Arc::new(AtomicBool::new(false));
         let told = Arc::clone(&pulled);
         let board = std::thread::spawn(move || board(&master, &told));
-        // As udev does it: the name comes when the device is there.
+        // As udev does it: the name appears when the device is there.
         symlink(&device, &link).expect("a link");
         Adapter {
             link,
@@ -75,7 +75,7 @@ fn board(line: &OwnedFd, pulled: &AtomicBool) {
                 let _ = rustix::io::write(line, &answer(&request[..len], &mut relays));
             }
             Ok(_) => {}
-            // Nobody has opened it.
+            // It is not open.
             Err(_) => std::thread::sleep(Duration::from_millis(10)),
         }
     }

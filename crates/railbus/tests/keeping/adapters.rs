@@ -1,4 +1,4 @@
-//! Adapters are pulled out and plugged in again, under a name that stays.
+//! Adapters are pulled out and plugged in again, under a stable name.
 
 use crate::adapter::{Adapter, terminal};
 use crate::daemon::{Daemon, Folder};
@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 const LINES: [&str; 4] = ["north", "east", "south", "west"];
 const ROUNDS: usize = 20;
-/// Nothing takes so long unless it hangs.
+/// Nothing takes this long unless it hangs.
 const HANGS: Duration = Duration::from_secs(20);
 
 fn site(folder: &Path) -> String {
@@ -84,7 +84,7 @@ fn adapters_come_and_go_and_come_back_under_other_numbers() {
         before = devices;
         found = found.max(until_all(&daemon, "good"));
         drop(adapters);
-        // Others take the numbers that were theirs.
+        // Others take their numbers.
         decoys = LINES.iter().map(|_| terminal()).collect();
         lost = lost.max(until_all(&daemon, "bad"));
     }

@@ -1,4 +1,4 @@
-//! A daemon, and how it is asked.
+//! A daemon, and requests to it.
 
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Read, Write};
@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// A folder that goes at the end of the test.
+/// A folder that is removed at the end of the test.
 pub(crate) struct Folder(pub(crate) PathBuf);
 
 impl Folder {
@@ -31,7 +31,7 @@ impl Drop for Folder {
     }
 }
 
-/// A daemon that is stopped at the end of the test, however that comes.
+/// A daemon that is stopped at the end of the test, however it ends.
 pub(crate) struct Daemon {
     pub(crate) child: Child,
     pub(crate) folder: Folder,
@@ -120,7 +120,7 @@ impl Daemon {
         answer.json()
     }
 
-    /// Waits until something is so.
+    /// Waits until a condition holds.
     pub(crate) fn until(&self, what: &str, done: impl Fn(&Daemon) -> bool) {
         let start = Instant::now();
         while !done(self) {
@@ -141,7 +141,7 @@ impl Daemon {
     }
 }
 
-/// A daemon that serves, and what it said by then.
+/// A daemon that serves, and what it printed by then.
 fn spawn(folder: &Path, arguments: &[&str]) -> (Child, String, BufReader<ChildStdout>) {
     let mut child = railbus()
         .env("TMPDIR", folder)

@@ -1,4 +1,4 @@
-//! The configuration is changed while the site is at work.
+//! The configuration is changed while the site is running.
 
 use crate::daemon::{Daemon, Folder, railbus};
 use crate::keys::{Board, started};
@@ -126,7 +126,7 @@ fn nobody_overwrites_what_he_has_not_seen() {
         (428, "E0832".to_owned())
     );
 
-    // A change of one thing keeps what was written by hand.
+    // A change of one key keeps the text written by hand.
     assert_eq!(daemon.ask("POST", "/config/lines", "", &line).status, 200);
     assert!(text(&daemon).starts_with(&by_hand), "{}", text(&daemon));
     let tag = daemon.get("/config")["etag"].clone();
@@ -261,7 +261,7 @@ fn groups_and_scenes_are_put_and_taken_out() {
                  { set = \"oven.k2\", to = false }]\n";
     assert!(text(&daemon).contains(steps), "{}", text(&daemon));
 
-    // Whoever names the outputs of a module follows it to its new name.
+    // References to a module's outputs follow it to its new name.
     let renamed = daemon.send("PATCH", "/config/modules/oven", &json!({"rename": "kiln"}));
     assert_eq!(renamed.status, 200, "{}", renamed.body);
     assert!(!text(&daemon).contains("oven"), "{}", text(&daemon));
@@ -289,15 +289,15 @@ fn groups_and_scenes_are_put_and_taken_out() {
     );
 }
 
-/// A pulse runs at a board whose name becomes that of another one. Once the file says so, a crash
-/// finds nothing left to be done at the first one.
+/// A pulse runs at a board whose name is given to another one. Once the file says so, a restart
+/// after a crash finds nothing left to be done at the first one.
 #[test]
 fn what_was_promised_of_a_board_is_done_before_its_name_is_written_to_be_anothers() {
     let board = Board::new();
     let (mut daemon, file) = started(&board, "edits-promised");
     let begun = daemon.send("POST", "/points/oven/k1/pulse", &json!({ "ms": 600_000 }));
     assert_eq!((begun.status, board.relays()), (200, 1), "{}", begun.body);
-    // Asked, and not waited for.
+    // Sent without waiting for the answer.
     let mut asked = UnixStream::connect(daemon.folder.0.join("socket")).expect("it listens");
     write!(
         asked,

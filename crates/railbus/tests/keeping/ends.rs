@@ -1,5 +1,5 @@
-//! The daemon is told to end while it is asked for all it can do: frames leave whole, and outputs
-//! are left as their policies say.
+//! The daemon is stopped under full load: frames are sent whole, and outputs end as their policies
+//! say.
 
 use crate::daemon::{Daemon, Folder, railbus};
 use rustix::process::{Pid, Signal, kill_process};
@@ -15,13 +15,13 @@ use std::time::{Duration, Instant};
 const PLANT: &str = "[line.main]\nport = \"PORT\"\n\
     [module.oven]\nline = \"main\"\nmodel = \"erc8\"\naddress = 3\n\
     [module.yard]\nline = \"main\"\nmodel = \"r55\"\naddress = 4\noutputs = 8\n";
-/// What becomes of some outputs at the end.
+/// The expected states of some outputs at the end.
 const POLICY: &str = "[module.oven.point]\nk1.on_exit = \"off\"\nk2.on_exit = \"on\"\n\
     [module.yard.point]\nk1.on_exit = \"off\"\nk2.on_exit = \"on\"\n";
-/// As nothing but a program that hangs would take; by its own clock it has 5 s.
+/// Only a program that hangs takes this long; by its own clock it has 5 s.
 const PATIENCE: Duration = Duration::from_secs(30);
 
-/// The simulator of a plant, which tells every frame.
+/// The simulator of a plant, which logs every frame.
 struct Plant {
     child: Child,
     port: String,
@@ -46,7 +46,7 @@ impl Plant {
         Plant { child, port }
     }
 
-    /// Ends it, and gives back what the host has sent.
+    /// Stops it, and returns what the host has sent.
     fn frames(mut self, folder: &Folder) -> Vec<Vec<u8>> {
         kill_process(Pid::from_child(&self.child), Signal::TERM).expect("it runs");
         self.child.wait().expect("it ends");
@@ -93,7 +93,7 @@ fn is_whole(frame: &[u8]) -> bool {
     }
 }
 
-/// Switches an output back and forth until nobody answers any more.
+/// Switches an output back and forth until there is no answer any more.
 fn load(socket: &Path, output: &str, done: &AtomicUsize, over: &AtomicBool) {
     let mut value = false;
     while !over.load(Ordering::Relaxed) {
@@ -114,7 +114,7 @@ fn load(socket: &Path, output: &str, done: &AtomicUsize, over: &AtomicBool) {
     }
 }
 
-/// Ends it under load.
+/// Stops it under load.
 fn end_under_load(daemon: &mut Daemon) {
     let socket = daemon.folder.0.join("socket");
     let (done, over) = (AtomicUsize::new(0), AtomicBool::new(false));
@@ -147,8 +147,8 @@ fn outputs(plant: &Plant, folder: &Folder, of: &str) -> String {
         .to_owned()
 }
 
-/// Tells it to end, and waits for that. It says itself where it takes longer than it may, and then
-/// its status is none of success.
+/// Sends SIGTERM, and waits for its end. If it takes longer than allowed, it reports that, and its
+/// exit code is not that of success.
 fn end(daemon: &mut Daemon) {
     let pid = Pid::from_child(&daemon.child);
     kill_process(pid, Signal::TERM).expect("it runs");
@@ -164,14 +164,14 @@ fn end(daemon: &mut Daemon) {
     assert!(status.success(), "{status}: {told}");
 }
 
-/// Somebody who is connected and says nothing more.
+/// A client that is connected and sends nothing more.
 fn hanging(daemon: &Daemon, said: &str) -> UnixStream {
     let mut stream = UnixStream::connect(daemon.folder.0.join("socket")).expect("it listens");
     stream.write_all(said.as_bytes()).expect("it takes bytes");
     stream
 }
 
-/// Modules and receivers that never answer, and clients that never go.
+/// Modules and receivers that never answer, and clients that never disconnect.
 #[test]
 fn nothing_that_hangs_holds_up_the_end() {
     let folder = Folder::new("hangs");
@@ -189,7 +189,7 @@ fn nothing_that_hangs_holds_up_the_end() {
     let other = Folder::new("hangs-daemon");
     let mut daemon = Daemon::start_in(other, &["--config", file.to_str().expect("text")]);
     daemon.until("good", |daemon| daemon.quality("oven.k1") == "good");
-    // One pulse that runs, and one whose end nobody will ever see.
+    // One pulse that runs, and one whose end can't be read back.
     let pulse = r#"{"ms":600000,"by":"host"}"#;
     let pulses = ["oven", "dead"].map(|module| {
         let path = format!("/api/v1/points/{module}/k4/pulse");

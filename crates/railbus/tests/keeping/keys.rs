@@ -1,5 +1,5 @@
-//! A daemon is killed at work on what was asked under an `Idempotency-Key`: nothing that may have
-//! been done is done again, and what was answered is answered again.
+//! A daemon is killed during commands with an `Idempotency-Key`: nothing that may have been done is
+//! done again, and the same answer is given again.
 
 use crate::adapter::{answer, terminal};
 use crate::daemon::{Answer, Daemon, Folder};
@@ -11,7 +11,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU8, AtomicUsize, Ordering};
 use std::thread::JoinHandle;
 
-/// A relay board that counts what it is told to switch, and can be made to answer nothing.
+/// A relay board that counts its commands, and can be made to answer nothing.
 pub(crate) struct Board {
     device: PathBuf,
     relays: Arc<AtomicU8>,
@@ -44,7 +44,7 @@ impl Board {
                 };
                 let writes = matches!(request[1], 5 | 15);
                 counted.fetch_add(usize::from(writes), Ordering::SeqCst);
-                // It acts, and its answer is lost.
+                // It acts, and its reply is lost.
                 let reply = answer(&request[..len], &mut relays);
                 shown.store(relays, Ordering::SeqCst);
                 if !(is_deaf.load(Ordering::SeqCst) && writes) {
@@ -130,7 +130,7 @@ fn what_was_answered_is_answered_again_after_a_kill() {
         assert_eq!((still.status, &still.body), (refused.status, &refused.body));
     }
     assert_eq!(board.writes(), writes, "it was toggled once");
-    // The key still stands for that command only.
+    // The key is still bound to that command only.
     let other = daemon.ask(
         "POST",
         "/points/oven/k2/toggle",
@@ -148,7 +148,7 @@ fn what_was_cut_off_by_a_kill_is_not_done_again() {
     let (mut daemon, file) = started(&board, "keys-between");
     board.deaf.store(true, Ordering::SeqCst);
     let before = board.writes();
-    // Asked, and not waited for: the daemon is killed once the frame has come.
+    // Sent without waiting for the answer: the daemon is killed once the frame has come.
     let socket = daemon.folder.0.join("socket");
     let mut asked = UnixStream::connect(socket).expect("it listens");
     write!(

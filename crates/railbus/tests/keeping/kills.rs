@@ -1,5 +1,5 @@
 //! The daemon is killed while its configuration is changed and its outputs are switched: what it
-//! acknowledged is there afterwards, and what it was at is there whole or not at all.
+//! acknowledged is there afterwards, and what was pending is there whole or not at all.
 
 use crate::daemon::{Daemon, Folder, railbus};
 use serde_json::{Value, json};
@@ -10,14 +10,14 @@ use std::process::{Child, Stdio};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
-/// How often it is killed while it changes what a module keeps.
+/// How often it is killed while it changes a module's settings.
 const KILLS_IN_CHANGES: u64 = 6;
 /// How often it is killed.
 const KILLS: u64 = 100;
-/// Of the texts of one round so many are kept at least: beside them there may be one that was
-/// under way, and one that was found again after it.
+/// At least this many texts of one round are kept: besides them there may be one that was pending,
+/// and one that was found again after it.
 const KEPT: usize = 15;
-/// A line whose port is not there: commands are written down, and fail.
+/// A line whose port is missing: commands are logged, and fail.
 const SITE: &str = "# our site\n[line.main]\nport = \"/dev/railbus-test-nothing\"\n\n\
                     [module.oven]\nline = \"main\"\nmodel = \"erc8\"\naddress = 3\n";
 
@@ -30,14 +30,14 @@ struct Acked {
     commands: usize,
 }
 
-/// What those who ask and the one who kills know of each other.
+/// What the clients and the killer know of each other.
 #[derive(Default)]
 struct Load {
     over: AtomicBool,
     changes: AtomicU64,
 }
 
-/// Asks, and gives back what is answered as long as there is somebody to answer.
+/// Sends requests, and returns the answers until the connection fails.
 fn ask(socket: &Path, method: &str, path: &str, body: &Value) -> Option<Value> {
     let mut stream = UnixStream::connect(socket).ok()?;
     let body = body.to_string();
@@ -54,7 +54,7 @@ fn ask(socket: &Path, method: &str, path: &str, body: &Value) -> Option<Value> {
     serde_json::from_str(text.split_once("\r\n\r\n")?.1).ok()
 }
 
-/// Changes the name of an output again and again.
+/// Changes the name of an output repeatedly.
 fn change(socket: &Path, round: u64, load: &Load, acked: &mut Vec<String>) {
     for number in 0.. {
         let name = json!({"name": {"en": format!("Heater {round}.{number}")}});
@@ -68,16 +68,16 @@ fn change(socket: &Path, round: u64, load: &Load, acked: &mut Vec<String>) {
     }
 }
 
-/// Switches the output again and again.
+/// Switches the output repeatedly.
 fn switch(socket: &Path, load: &Load, acked: &mut usize) {
     while !load.over.load(Ordering::Relaxed) {
         let told = ask(socket, "PUT", "/points/oven/k1", &json!({"value": true}));
-        // The line is closed: that is the end of the command.
+        // The line has no port: that ends the command.
         *acked += usize::from(told.is_some_and(|told| told["code"] == "E0710"));
     }
 }
 
-/// Kills it while it is asked for all that: some time after so many changes.
+/// Kills it under this load: some time after this many changes.
 fn kill_under_load(daemon: &mut Daemon, round: u64, acked: &mut Acked) {
     let socket = daemon.folder.0.join("socket");
     let load = Load::default();
@@ -89,14 +89,14 @@ fn kill_under_load(daemon: &mut Daemon, round: u64, acked: &mut Acked) {
         daemon.until("changes", |_| {
             load.changes.load(Ordering::Relaxed) >= round % 3
         });
-        // Moments that are spread over all there is between two writes to the disk.
+        // Moments spread over the time between two writes to the disk.
         std::thread::sleep(Duration::from_micros(round * 7_919 % 30_000));
         daemon.child.kill().expect("it runs");
         load.over.store(true, Ordering::Relaxed);
     });
 }
 
-/// What was acknowledged after so many texts is there, and what is there is whole.
+/// What was acknowledged after this many texts is there, and the file is whole.
 fn is_whole(daemon: &Daemon, acked: &Acked, before: usize) {
     let config = daemon.get("/config");
     assert_eq!(config["in_force"], true, "{config}");
@@ -119,7 +119,7 @@ fn is_whole(daemon: &Daemon, acked: &Acked, before: usize) {
             "{etag} was acknowledged: {kept:?}"
         );
     }
-    // It is the last that was acknowledged, or the one after it, which was under way.
+    // It is the last that was acknowledged, or the one after it, which was pending.
     let place = |etag: &str| kept.iter().position(|kept| *kept == etag);
     let now = place(config["etag"].as_str().expect("a mark"));
     let last = acked.texts.last().and_then(|etag| place(etag));
@@ -172,7 +172,7 @@ const BENCH: &str = "[line.main]\nport = \"PORT\"\n\n\
                      [module.oven]\nline = \"main\"\nmodel = \"erc8\"\naddress = 3\n";
 const SETTINGS: &str = "/modules/oven/settings";
 
-/// The simulator of that module, which keeps what it was told whatever becomes of the daemon.
+/// The simulator of that module, which keeps its settings whatever happens to the daemon.
 struct Plant(Child);
 
 impl Plant {
@@ -201,7 +201,7 @@ impl Drop for Plant {
     }
 }
 
-/// The address under which a module answers on the line, whatever any file says of it.
+/// The address at which a module answers on the line, whatever any file says.
 fn answers_at(port: &str) -> Vec<u64> {
     let at = |address: &u64| {
         let output = railbus()
@@ -226,8 +226,7 @@ fn changes(daemon: &Daemon) -> usize {
     log["changes"].as_array().map_or(0, Vec::len)
 }
 
-/// What the journal says of the last change, if there is any: its state, and whether it can be
-/// undone.
+/// The journal's last change, if there is any: its state, and whether it can be undone.
 fn last_change(daemon: &Daemon) -> Option<(String, bool)> {
     let log = daemon.get(&format!("{SETTINGS}/log"));
     let last = log["changes"].get(0)?;
@@ -235,7 +234,7 @@ fn last_change(daemon: &Daemon) -> Option<(String, bool)> {
     Some((state, last["undoable"] == true))
 }
 
-/// `railbus config recover` finds it with nobody else on the line; then the change is taken back
+/// `railbus config recover` finds it with exclusive access to the line; then the change is undone
 /// over HTTP, where it was made.
 fn bring_back(daemon: &mut Daemon, config: &str, arguments: &[&str]) {
     daemon.child.kill().expect("it runs");
@@ -265,8 +264,8 @@ fn bring_back(daemon: &mut Daemon, config: &str, arguments: &[&str]) {
     assert_eq!(modules[0]["address"], 3);
 }
 
-/// The module answers at one place, and where it has moved the journal knows of it: recovery finds
-/// it, and the change can be taken back.
+/// The module answers at one address, and if that has changed the journal knows of it: recovery
+/// finds it, and the change can be undone.
 #[test]
 fn kill_in_the_middle_of_a_change_of_settings_leaves_a_module_that_is_found() {
     let folder = Folder::new("kills-settings");
@@ -283,7 +282,7 @@ fn kill_in_the_middle_of_a_change_of_settings_leaves_a_module_that_is_found() {
         let head = format!("If-Match: {etag}\r\n");
         let begun = daemon.ask("PATCH", SETTINGS, &head, r#"{"address":9}"#);
         assert_eq!(begun.status, 202, "{}", begun.body);
-        // While it looks whether the new place is vacant; and from the moment on at which the
+        // While it checks whether the new address is vacant; and from the moment at which the
         // journal has it, over the write and the read-back.
         if round % 4 != 0 {
             daemon.until("the intent", |daemon| changes(daemon) > before);

@@ -1,5 +1,5 @@
-//! The configuration of a site at work, and the adapters of its lines: a daemon is met as a
-//! program meets it that asks over its socket, and knows nothing of railbus but its HTTP.
+//! The configuration of a running site, and the adapters of its lines: the daemon is tested from
+//! outside, by a program that uses its socket and knows nothing of railbus but its HTTP API.
 
 mod adapter;
 mod adapters;

@@ -1,10 +1,10 @@
-//! Modules that do not do as they are told, and a program that is killed.
+//! Modules that do not follow their settings, and a program that is killed.
 
 use super::{fails, journal, toml};
 use crate::site::Site;
 
-/// An EMD-2A2Q on a pseudo-terminal of its own that does as it is told here: `reply` gets each
-/// request and the eight registers.
+/// An EMD-2A2Q with faults on its own pseudo-terminal: `reply` gets each request and the eight
+/// registers.
 fn emd(reply: impl Fn(&[u8; 8], &[u8]) -> Vec<u8> + Send + 'static) -> String {
     let registers = [0, 12, 0, 1, 0, 2, 0, 0, 1, 0xF4, 0, 0, 0, 100, 0, 200];
     crate::liar::liar(move |request| reply(request, &registers))
@@ -15,7 +15,7 @@ fn framed(mut bytes: Vec<u8>) -> Vec<u8> {
     bytes
 }
 
-/// What such a module says to a read: its registers and coils, and no to what lies beyond them.
+/// The replies of such a module to reads: its registers and coils, and an exception beyond them.
 fn read(request: &[u8; 8], registers: &[u8]) -> Vec<u8> {
     let first = u16::from_be_bytes([request[2], request[3]]);
     let end = first + u16::from_be_bytes([request[4], request[5]]);
@@ -48,7 +48,7 @@ fn modules_that_refuse_ignore_or_vanish() {
         let record: serde_json::Value = serde_json::from_str(&last).expect("a record");
         record["state"].as_str().unwrap_or_default().to_owned()
     };
-    // Noise, or two at once.
+    // Noise, or two replies at once.
     let ran = set(&emd(|_, _| vec![0xFF; 6]));
     fails(&ran, "E0540", 5);
     assert_eq!(journal(), "");
@@ -58,7 +58,7 @@ fn modules_that_refuse_ignore_or_vanish() {
     fails(&ran, "E0540", 5);
     let told = "to separate two modules: unplug one; railbus config set emd2a2q address=FREE";
     assert!(ran.err.contains(told), "{ran:?}");
-    // It answers no.
+    // It refuses.
     let ran = set(&emd(move |request, registers| match request[1] {
         6 => framed(vec![1, 0x86, 3]),
         _ => read(request, registers),
@@ -66,7 +66,7 @@ fn modules_that_refuse_ignore_or_vanish() {
     fails(&ran, "E0441", 4);
     assert!(ran.err.contains("illegal data value"), "{ran:?}");
     assert_eq!(last(), "unchanged");
-    // It says yes and does nothing.
+    // It acknowledges and does nothing.
     let ran = set(&emd(move |request, registers| match request[1] {
         6 => request.to_vec(),
         _ => read(request, registers),
@@ -85,7 +85,7 @@ fn modules_that_refuse_ignore_or_vanish() {
     }));
     fails(&ran, "E0340", 3);
     assert_eq!(last(), "lost");
-    // The journal's folder can't be made: nothing is written.
+    // The journal's folder can't be created: nothing is written.
     std::fs::write(site.folder.join("blocked"), "").expect("a file");
     let port = emd(move |request, registers| match request[1] {
         6 => panic!("written without a journal"),
@@ -97,12 +97,12 @@ fn modules_that_refuse_ignore_or_vanish() {
     fails(&ran, "E0140", 1);
 }
 
-/// Ctrl-C while a board is waited for: it is as it was, and the journal says so.
+/// Ctrl-C while a board is waited for: it is unchanged, and the journal says so.
 #[test]
 fn a_board_that_is_waited_for_may_be_left_alone() {
     use std::io::BufRead;
     let site = Site::demo("config-board");
-    // The board has just got its power: for ten seconds it takes an address.
+    // The board was just powered: for ten seconds it accepts an address.
     let ran = site.run("-q config set yard address=9 --yes");
     assert_eq!(ran.code, 0, "{ran:?}");
     assert!(toml(&site).contains("address = 9"));
@@ -128,8 +128,8 @@ fn a_board_that_is_waited_for_may_be_left_alone() {
     assert!(toml(&site).contains("address = 9"));
 }
 
-/// The program is killed at one moment after another. A recovery finds the module each time, and
-/// the configuration says where it is.
+/// The program is killed at different moments. A recovery finds the module each time, and the
+/// configuration has its address.
 #[test]
 fn killed_at_any_moment_it_is_recovered() {
     let site = Site::demo("config-killed");
