@@ -1,14 +1,14 @@
-//! What is unknown is either left out or null, and the document says which: a field that need not
-//! be there is never null. The types of the web pages are made by this rule.
+//! A missing value is either left out or null, and the document says which: a field that is
+//! optional is never null. The types of the web pages rely on this.
 
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use std::path::Path;
 
-/// Bodies of requests by another name. They may say null: nobody has to.
+/// Bodies of requests by another name. They may be null: a client need not send null.
 const ASKED: [&str; 1] = ["SettingsUndo "];
 
-/// The fields of answers that may be null and are not said to be there always.
+/// The fields of answers that may be null and are not required.
 fn unsaid(text: &str) -> Vec<&str> {
     let mut found = Vec::new();
     let (mut is_answer, mut attributes) = (false, String::new());

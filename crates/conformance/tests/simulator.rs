@@ -24,8 +24,8 @@ fn every_case_holds_of_the_simulated_module() {
 /// Well-formed data that no EDA9060A has: it has four channels of a kind [EDA9060A §4.8].
 const IMPOSSIBLE: [&str; 2] = ["9060a-asc-112200-nochk", "9060a-asc-112200-chk"];
 
-/// Every frame that a datasheet prints, and that a module can be sent, is in the list; and where
-/// the reply is printed, too, so is the reply.
+/// Every frame that a datasheet prints and that can be sent to a module is in the list; and if the
+/// reply is printed, so is the reply.
 #[test]
 fn printed_frames_are_in_the_list() {
     let exchanges = exchanges();
