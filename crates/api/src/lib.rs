@@ -1,5 +1,11 @@
 //! The messages between `railbus serve` and its clients: one set of types for the server, the
 //! client, and the machine-readable output of every command.
+//!
+//! # Where things are
+//! - Points, modules, lines and commands to outputs: `types`, `control`; the other files are named
+//!   after their subjects. A further field is added here and filled in `railbus_app::api`; the
+//!   OpenAPI document follows from the type.
+//! - What a failed request returns: `problem`.
 
 #![forbid(unsafe_code)]
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]

@@ -1,16 +1,18 @@
-//! One half-duplex line as a state machine. It tells the truth about its modules: a late reply is
-//! never taken for another, "done" means that the module said so, and a command that may or may not
-//! have acted is reported as such.
+//! The line master: one half-duplex line as a state machine. It tells the truth about its modules:
+//! a late reply is never taken for another, "done" means that the module said so, and a command
+//! that may or may not have acted is reported as such.
 //!
 //! The driver passes in what happens ([`Bus::handle`]) and then drains [`Bus::poll`] until it
 //! returns [`Output::Wait`]; each `Wait` replaces the previous deadline. The crate uses no clock
 //! and no port.
 //!
-//! Two words are our own: a *ghost* is a request that timed out and whose reply may still come; a
-//! *babble* is a line that somebody else never lets fall silent.
+//! Three words are our own: a *ghost* is a request that timed out and whose reply may still come; a
+//! *fence* is a harmless read whose reply can't be mistaken for a ghost's; a *babble* is a line
+//! that another sender never lets fall silent.
 //!
-//! What is sent next: `schedule`. What came of it: `outcome`, `command`, `event`. Late replies:
-//! `ghost`, `fence`. Silence, health, model: `module_state`, `identity`. Bytes, echo: `rx_buffer`.
+//! What is sent next, after how much silence: `schedule`. What came of it: `outcome`, `command`,
+//! `event`. Late replies: `ghost`, `fence`. Modules that do not answer, health, model:
+//! `module_state`, `identity`. Bytes, echoes: `rx_buffer`.
 
 #![no_std]
 #![forbid(unsafe_code)]

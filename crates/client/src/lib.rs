@@ -1,4 +1,8 @@
 //! A client of the daemon, over its socket: the same HTTP API as for everyone else.
+//!
+//! # Where things are
+//! - One kept connection, and a method for what several commands ask: here. Requests as bytes:
+//!   `http`.
 
 #![forbid(unsafe_code)]
 

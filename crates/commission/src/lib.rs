@@ -1,5 +1,4 @@
-//! Finding modules ([`scan`]), and changing their stored settings: address, speed, parity,
-//! checksum, pulses, calibration.
+//! Finding modules ([`scan`]), and changing the stored settings that their datasheets list.
 //!
 //! Each procedure is sequential: it reads like the steps of a manual. It does no I/O and uses no
 //! clock: it hands out one [`Act`] after the other and takes in the results ([`Procedure::next`]),
@@ -7,11 +6,15 @@
 //! is written to a module before it is in the journal.
 //!
 //! # Where things are
-//! - Finding modules: `scan` (what to ask, whom to believe). Frames typed by hand: `frame`, and
-//!   what they may do: `risk`.
-//! - A change of settings, step by step: `change`, in the order of `stages`, looking with `sight`;
-//!   after an interruption `recover`. Calibration: `calibrate`. What a settings word means:
-//!   `settings`. How procedures talk to a driver: `desk`.
+//! - Finding modules: `scan`: speeds and addresses in `scope`, what to send next in `planner`, what
+//!   replies prove in `identify`, by the signs of the datasheets.
+//! - A change of settings, step by step: `change`, in the order of `stages`, looking with `sight`,
+//!   after `vacant` has checked the new place; after an interruption `recover`. What a settings
+//!   word means: `settings`. What is written down before and after: `journal`.
+//! - Calibration, and a module's own reset: `calibrate`. All boards of a line at once: `boards`.
+//! - A further procedure is a file beside these; how it talks to its driver: `desk`. The one driver
+//!   is `railbus_app::settings`.
+//! - Frames typed by hand: `frame`, and what they may do: `risk`.
 
 #![forbid(unsafe_code)]
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]

@@ -13,7 +13,12 @@
 //!   `r55`). Ranges, terminals and timing are in its [`Profile`]; stored settings, registers and
 //!   identification, which only a host asks for, in its [`Datasheet`]. Nothing above this crate
 //!   matches on a family.
-//! - What a host wants of a module: `op`, `module`. How the module itself behaves: `engine`.
+//! - The forms of that data: `family` ([`Profile`]) and `datasheet`. A further setting of a kind in
+//!   `datasheet::Key` is a line of the family's sheet and its half of the engine; a new kind is
+//!   also a [`Change`], a field of `railbus_nvm::Record` and a step of
+//!   `railbus_commission::stages`.
+//! - What a host wants of a module: `op`, `module`. How the module itself behaves: `engine`; what
+//!   our own firmware can beyond the makers': `extensions`.
 
 #![no_std]
 #![forbid(unsafe_code)]

@@ -1,14 +1,16 @@
 //! The gateway: what `railbus serve` runs. It has the lines, and other programs use it over HTTP
-//! and a Unix socket. It knows no command line.
+//! and a Unix socket. It parses no command line; next steps name commands.
 //!
 //! # Where things are
 //! - An endpoint: the file of its subject (`points`, `control`, `history`, `config`, `scans`,
 //!   `settings`, …), with a row in that file's `ROUTES`; all tables are listed in `routes`. What
 //!   every handler needs: `site`. What must be so before one is called (who it is, what it may,
 //!   limits, headers): `access`, `guard`, `listen`.
-//! - What is sent as it changes: `ws`, `stream`, `happening`. A system that the site is published
-//!   to: `northbound`, a folder each.
-//! - Repeated requests: `keys`. Long operations: `ops`. Pages: `web`. Figures: `metrics`.
+//! - What is sent as it changes: `ws`, `stream`, `event_stream`. A system that the site is
+//!   published to: `northbound`, a folder each.
+//! - Repeated requests: `keys`. Long operations: `ops`; a line lent to a command: `loan`. The
+//!   OpenAPI document, made of the routes: `openapi`. Figures: `metrics`. Pages: `web` serves them,
+//!   their sources are in the folder `web` of the repository.
 
 #![forbid(unsafe_code)]
 

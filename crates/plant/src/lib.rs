@@ -1,4 +1,12 @@
 //! Simulated lines in real time, for any master: the demo line, or the plant of a configuration.
+//!
+//! # Where things are
+//! - What a test or a technician can order (at the prompt, over the control socket or HTTP):
+//!   `orders`; where orders come from: `prompt`, `remote`; what is answered: `answers`.
+//! - What they do to a line and its modules: `stage`, `active_faults`; what can befall a module at
+//!   all is in `railbus_sim`.
+//! - A line driven by the real clock: `serve`, over `pty` or `tcp`. What survives a restart:
+//!   `keep`.
 
 #![forbid(unsafe_code)]
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::expect_used, clippy::panic))]

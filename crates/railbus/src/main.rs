@@ -1,12 +1,18 @@
 //! `railbus`, the one program.
 //!
+//! The crates below it, from the wire up: `wire` (bytes), `device` (families), `bus` (a line),
+//! `host` (ports), `commission` (scan, settings), `store` (disk), `site` (points, commands),
+//! `words` (texts), `api` (messages), `app` (shared by programs), `client`, `plant` (simulated
+//! lines), `gateway` (the daemon). Beside them `sim` (virtual time), `sniff` (listening), `nvm` (a
+//! module's memory), `conformance` and `qemu` (tests).
+//!
 //! # Where things are
 //! - A command: its file in `commands`, and a row of `VERBS` in `cli`. What all definitions share:
 //!   `args`.
 //! - Where a command goes, to the daemon or to a line opened here: `backend`. Errors of the command
 //!   line itself: `usage`.
-//! - Texts: `texts`, and next to each command. What gateway and commands share is not here but in
-//!   `railbus_app`.
+//! - Texts and columns of one command: in its file or folder; texts of several: `texts`. What
+//!   gateway and commands share is not here but in `railbus_app`.
 
 #![forbid(unsafe_code)]
 

@@ -7,6 +7,10 @@
 //! [`Output::Wait`]; each `Wait` replaces the previous deadline. There is no clock here: the driver
 //! may jump from deadline to deadline, or wait for a real clock to reach them.
 //!
+//! # Where things are
+//! - Who hears what, and collisions: `line`, `talk`. A module on it and what can befall it
+//!   ([`Act`]): `slot`. Faults by chance: `faults`. The modules of the demo: `demo`.
+//!
 //! ```
 //! use railbus_sim::{Input, Line, LineConfig, Output};
 //! use railbus_device::{Eeprom, Family, Options, Setup};

@@ -8,7 +8,9 @@
 //! # Where things are
 //! - What happens between a command and its end, and everything that depends on time (turns,
 //!   interlocks, pulses, leases, limits, policies, scenes, staleness, the stream of changes):
-//!   `core`, a state machine without I/O, one file for each.
+//!   `core`, a state machine without I/O, one file for each. How long a command may wait for its
+//!   turn and to be sent is `TTL` in `core/order.rs`; limits that callers meet (`LEASE_MIN`,
+//!   `PULSE_MAX`) stand in the file of their subject, and are checked only there.
 //! - What drives it, and what callers see of it (orders, status, followers, reloads, lines lent,
 //!   rules, raw frames): `service`.
 //! - Who may command what: `rights`. Why something failed: `failure`. Values and their quality:

@@ -3,9 +3,10 @@
 //! command is in it.
 //!
 //! # Where things are
-//! - Samples, charts, events, pruning: `history`. Who did what, and its chain of hashes: `audit`.
-//! - What must be whole after a loss of power: `durable`; the journal of changed settings:
-//!   `journal`.
+//! - Samples, charts, events, and how long they are kept: `history`. Who did what, how it ended,
+//!   and its chain of hashes: `audit`.
+//! - What must be whole after a loss of power: `durable`; the file of the journal of changed
+//!   settings, whose records are `railbus_commission`'s: `journal`.
 
 #![forbid(unsafe_code)]
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]

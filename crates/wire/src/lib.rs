@@ -28,8 +28,8 @@
 //! Sections in brackets, as `[ERC-8 §2.1]`, are numbered facts of `docs/datasheets`.
 //!
 //! # Where things are
-//! - A protocol: `rtu` (Modbus), `ascii` (EDA, ADAM/DCON), `lc02`, `r55` (0x55/0x22), `lcus`. A new
-//!   one is a file here and a variant of [`Exchange`].
+//! - A protocol: `rtu` (Modbus), `ascii` (EDA, ADAM/DCON), `lc02`, `r55` (0x55/0x22). A new one is
+//!   a file here and a variant of [`Exchange`]. `lcus` is only recognised, and has none.
 //! - What another protocol would make of a frame: `foreign`. Speeds, formats, character times:
 //!   `serial`, `time`.
 

@@ -1,6 +1,12 @@
 //! User-visible texts, in English and Simplified Chinese: the two languages and the catalogues of
 //! texts, failures by their codes, reasons reported by others, times, bytes, and widths of text on
 //! a terminal.
+//!
+//! # Where things are
+//! - A failure's number (`E0402`), causes and next steps: `codes`, a table for each group of exit
+//!   codes. What `doctor` and `config check` find (`D307`): `findings`. Exit codes: `exits`.
+//! - The form of all other texts, which stand next to their users: `catalogue`. What parsers and
+//!   the system say, in Chinese: `reasons`.
 
 #![forbid(unsafe_code)]
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
