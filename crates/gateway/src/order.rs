@@ -120,7 +120,9 @@ impl Order {
             Some(Ok(key)) if (1..=KEY_LEN_MAX).contains(&key.len()) => Some(key.to_owned()),
             Some(_) => return bad_request("an Idempotency-Key has 1 to 128 characters of ASCII"),
         };
-        let allowed = |wanted: &T| may(&self.site.service, &what.1, wanted);
+        let (who, site) = (&self.who, &self.site);
+        let service = site.service.on_behalf_of(who.origin(), who.rights());
+        let allowed = |wanted: &T| may(&service, &what.1, wanted);
         let wanted = self.read().and_then(|wanted| {
             allowed(&wanted)?;
             Ok(wanted)
@@ -129,10 +131,6 @@ impl Order {
             Ok(wanted) => wanted,
             Err(problem) => return answer::problem(&problem),
         };
-        let service = self
-            .site
-            .service
-            .on_behalf_of(self.who.origin(), self.who.rights());
         let name = what.1.clone();
         let end = async move {
             // The site asks for the rights once more, in the step in which the command begins.

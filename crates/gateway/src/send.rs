@@ -1,17 +1,14 @@
 //! `POST /api/v1/lines/{line}/send`: sends a raw frame.
 
-use super::access::{Need, limited, may_write};
+use super::access::Need;
 use super::doc::Doc;
 use super::order::Order;
 use super::route::{Answer, Asked, Route};
 use super::{answer, language};
 use axum::extract::Path;
 use axum::routing::post;
-use railbus_api::problem::{Problem, codes};
 use railbus_api::sending::{SendAnswer, SendPlan, SendRequest};
-use railbus_app::api::sending::{self, Plan};
-use railbus_commission::Risk;
-use railbus_device::PointKind;
+use railbus_app::api::sending;
 use railbus_site::Service;
 
 /// The routes of this file.
@@ -39,41 +36,16 @@ async fn send(Path(line): Path<String>, asked: Asked, order: Order) -> Answer {
         });
         return answer::json(plan);
     }
-    let rights = order.rights();
     let may = move |service: &Service, line: &str, wanted: &SendRequest| {
         let plan = sending::plan(service, lang, line, wanted)?;
-        may_send(service, &rights, &plan)?;
+        sending::check_rights(service, &plan)?;
         sending::check_meant(&plan, wanted)
     };
-    let rights = order.rights();
     let run = move |service: Service, line: String, wanted: SendRequest| async move {
         let plan = sending::plan(&service, lang, &line, &wanted)?;
-        // Once more: the configuration may have changed.
-        may_send(&service, &rights, &plan)?;
         sending::check_meant(&plan, &wanted)?;
+        // The site asks for the rights once more.
         sending::carry_out(&service, lang, plan).await
     };
     order.carry_out_if(("send", line), may, run).await
-}
-
-/// Whether the rights cover everything that the frame may do: a caller limited to some points sends
-/// nothing that could affect others.
-fn may_send(service: &Service, rights: &[String], plan: &Plan) -> Result<(), Problem> {
-    if rights.is_empty() || !plan.changes() {
-        return Ok(());
-    }
-    // Stored settings include the address: another module would answer to the name of this one.
-    if plan.risk() > Risk::Output {
-        return Err(limited(rights));
-    }
-    if plan.modules.is_empty() {
-        let problem = Problem::new(codes::POINT_RIGHT);
-        return Err(problem.with("line", plan.told.line.as_str()));
-    }
-    let points = plan
-        .modules
-        .iter()
-        .flat_map(|module| service.points(module));
-    let mut outputs = points.filter(|status| status.point.kind == PointKind::Output);
-    outputs.try_for_each(|status| may_write(rights, &status.module, &status.label))
 }

@@ -41,7 +41,6 @@ pub use pulse::{By, PULSE_MAX, Pulse, PulseDone};
 pub use reload::Reloaded;
 pub(crate) use state::State;
 pub use stream::{Batch, News, Picture, PointReading};
-pub(crate) use write::Who;
 pub use write::{ToggleTerms, WriteDone, WriteTerms};
 
 use crate::Config;

@@ -6,6 +6,7 @@ use railbus_host::Fault;
 use railbus_wire::Micros;
 use std::fmt;
 use std::io::ErrorKind;
+use std::sync::Arc;
 
 /// Why a command was not executed, or may not have been. Data without sentences: the text is made
 /// where it is shown.
@@ -80,15 +81,23 @@ pub enum Failure {
     Undone,
     /// Executed, and could not be reverted, though another part of the same command failed.
     NotUndone,
-    /// The caller has this role, which is too low. Nothing was sent.
-    RoleTooLow(Role),
+    /// The caller's role is too low. Nothing was sent.
+    RoleTooLow {
+        /// The caller's role.
+        role: Role,
+        /// The least role that may do it.
+        need: Role,
+    },
     /// The caller is limited to other outputs. Nothing was sent.
     NotPermitted {
-        /// The output's module.
+        /// The output's module; empty where it is none of the site.
         module: String,
         /// Its label; empty where the module has no such output.
         label: String,
     },
+    /// The caller is limited to these points, and what was asked for may affect others. Nothing was
+    /// sent or changed.
+    Limited(Arc<[String]>),
     /// There is no such group.
     NoSuchGroup,
     /// There is no such scene.
@@ -127,8 +136,9 @@ impl Failure {
             Failure::NotTried => "not_tried",
             Failure::Undone => "undone",
             Failure::NotUndone => "not_undone",
-            Failure::RoleTooLow(_) => "role_too_low",
+            Failure::RoleTooLow { .. } => "role_too_low",
             Failure::NotPermitted { .. } => "not_permitted",
+            Failure::Limited(_) => "limited",
             Failure::NoSuchGroup => "no_such_group",
             Failure::NoSuchScene => "no_such_scene",
             Failure::Playing => "playing",
@@ -162,8 +172,9 @@ impl Failure {
             | Failure::Due { .. }
             | Failure::NotTried
             | Failure::Undone
-            | Failure::RoleTooLow(_)
+            | Failure::RoleTooLow { .. }
             | Failure::NotPermitted { .. }
+            | Failure::Limited(_)
             | Failure::NoSuchGroup
             | Failure::NoSuchScene
             | Failure::Playing

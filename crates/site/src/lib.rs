@@ -42,6 +42,6 @@ pub use failure::Failure;
 pub use rights::{Rights, Role};
 pub use service::{
     Counts, Events, Follower, Left, LineStatus, Loan, ModuleStatus, PointStatus, RawTerms,
-    RuleStatus, STEPS, Sent, Service, StartError, Update, Updates, Work, is_refused,
+    ReloadError, RuleStatus, STEPS, Sent, Service, StartError, Update, Updates, Work, is_refused,
 };
 pub use truth::{Change, PointState, Pulses, Quality, Reason, Site, Value};

@@ -1,6 +1,9 @@
 //! Roles and rights.
 
+use crate::config::{Config, PointConfig};
 use crate::{Failure, paths};
+use railbus_device::Point;
+use railbus_store::audit::Origin;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
@@ -45,13 +48,34 @@ impl Role {
     }
 }
 
-/// What a handle of the site may do ([`crate::Service::on_behalf_of`]).
+/// What a handle of the site may do ([`crate::Service::on_behalf_of`]): a copy, made when the
+/// handle was. A user who gets other rights keeps those of handles that were made before; a request
+/// gets a handle of its own.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Rights {
     /// Its role. A viewer commands nothing.
     pub role: Role,
     /// The outputs it may command, as selectors of paths; empty for all of them.
     pub points: Arc<[String]>,
+}
+
+/// The caller a command acts for.
+#[derive(Clone, Debug)]
+pub(crate) struct Who {
+    /// As recorded in logs.
+    pub(crate) origin: Arc<Origin>,
+    /// What the caller may do.
+    pub(crate) rights: Rights,
+}
+
+impl Who {
+    /// A part of this program, with all rights.
+    pub(crate) fn program(part: &str) -> Who {
+        Who {
+            origin: Arc::new(Origin::program(part)),
+            rights: Rights::all(),
+        }
+    }
 }
 
 impl Rights {
@@ -64,15 +88,72 @@ impl Rights {
         }
     }
 
+    /// Whether it is limited to some points.
+    #[must_use]
+    pub fn is_limited(&self) -> bool {
+        !self.points.is_empty()
+    }
+
+    /// Whether the role is this one or a higher one.
+    ///
+    /// # Errors
+    /// [`Failure::RoleTooLow`].
+    pub fn at_least(&self, need: Role) -> Result<(), Failure> {
+        let role = self.role;
+        match role < need {
+            true => Err(Failure::RoleTooLow { role, need }),
+            false => Ok(()),
+        }
+    }
+
     /// Whether outputs may be commanded at all.
     ///
     /// # Errors
     /// [`Failure::RoleTooLow`].
     pub fn may_command(&self) -> Result<(), Failure> {
-        match self.role < Role::Operator {
-            true => Err(Failure::RoleTooLow(self.role)),
+        self.at_least(Role::Operator)
+    }
+
+    /// Whether lines and modules may be changed. That may affect any output, so a limit to some
+    /// points excludes it.
+    ///
+    /// # Errors
+    /// [`Failure::RoleTooLow`], [`Failure::Limited`].
+    pub fn may_change_site(&self) -> Result<(), Failure> {
+        self.at_least(Role::Engineer)?;
+        match self.is_limited() {
+            true => Err(Failure::Limited(Arc::clone(&self.points))),
             false => Ok(()),
         }
+    }
+
+    /// Whether another configuration may be brought into force. With a limit to some points, only
+    /// one that gives these other names.
+    ///
+    /// # Errors
+    /// [`Failure::RoleTooLow`], [`Failure::Limited`].
+    pub(crate) fn may_reload(&self, old: &Config, new: &Config) -> Result<(), Failure> {
+        self.at_least(Role::Engineer)?;
+        match self.is_limited() && self.without_names(old) != self.without_names(new) {
+            true => Err(Failure::Limited(Arc::clone(&self.points))),
+            false => Ok(()),
+        }
+    }
+
+    /// A configuration without the names of the points that are covered.
+    fn without_names(&self, config: &Config) -> Config {
+        let mut config = config.clone();
+        for (name, module) in &mut config.modules {
+            let setup = module.setup;
+            module.points.retain(|point, of| {
+                let (letters, number) = setup.label(*point);
+                if paths::selects(&self.points, name, &format!("{letters}{number}")) {
+                    (of.name_en, of.name_zh) = (None, None);
+                }
+                *of != PointConfig::default()
+            });
+        }
+        config
     }
 
     /// Whether this output may be commanded.
@@ -88,5 +169,24 @@ impl Rights {
             module: module.to_owned(),
             label: label.to_owned(),
         })
+    }
+
+    /// The same of a point of this configuration.
+    ///
+    /// # Errors
+    /// As [`Rights::may_switch`]; the label of a point that does not exist is empty.
+    pub(crate) fn may_switch_in(
+        &self,
+        config: &Config,
+        module: &str,
+        point: Point,
+    ) -> Result<(), Failure> {
+        if !self.is_limited() {
+            return self.may_command();
+        }
+        let known = config.modules.get(module);
+        let label = known.map(|known| known.setup.label(point));
+        let label = label.map(|(letters, number)| format!("{letters}{number}"));
+        self.may_switch(module, &label.unwrap_or_default())
     }
 }

@@ -18,12 +18,14 @@ pub use loan::Loan;
 pub(crate) use meter::Busy;
 pub use meter::{Counts, STEPS};
 pub use record::{Events, Work};
+pub use reload::ReloadError;
 pub use rules::RuleStatus;
 pub use send::{Sent, is_refused};
 pub use status::{Left, LineStatus, ModuleStatus, PointStatus};
 pub use update::{Update, Updates};
 
 use crate::core::{Command, Context, Core, Input, LineId, News, Now, TaskId};
+use crate::rights::Who;
 use crate::{Config, Failure, Rights};
 use railbus_device::{Module, SetupError};
 use railbus_host::{Line, LineConfig, LineName, NameError, PortError, Probe, ProbeResult, Tap};
@@ -78,10 +80,7 @@ impl std::error::Error for StartError {}
 #[derive(Clone, Debug)]
 pub struct Service {
     inner: Arc<Inner>,
-    /// For whom this handle acts.
-    origin: Arc<Origin>,
-    /// What it may do.
-    rights: Rights,
+    who: Who,
 }
 
 pub(crate) struct Inner {
@@ -193,8 +192,7 @@ impl Service {
                 start: tokio::time::Instant::now(),
                 polls,
             }),
-            origin: Arc::new(Origin::program("railbus")),
-            rights: Rights::all(),
+            who: Who::program("railbus"),
         };
         tokio::spawn(driver::tell_time(
             Arc::downgrade(&service.inner),
@@ -207,14 +205,19 @@ impl Service {
         Ok(service)
     }
 
-    /// A handle of the same site that acts for somebody: what it does is written down under that
-    /// name, and a command that these rights do not cover is refused.
+    /// A handle of the same site that acts for a caller: what it does is recorded under that name,
+    /// and what these rights do not cover is refused. They are a copy as of now. Asked by the
+    /// present configuration: for a command, when it comes and when the turn of its outputs has
+    /// come; for a frame of one's own, before its audit entry and after it; for a loan of a line,
+    /// work on a module's settings and another configuration, when they begin.
     #[must_use]
     pub fn on_behalf_of(&self, origin: Origin, rights: Rights) -> Service {
         Service {
             inner: Arc::clone(&self.inner),
-            origin: Arc::new(origin),
-            rights,
+            who: Who {
+                origin: Arc::new(origin),
+                rights,
+            },
         }
     }
 
@@ -306,13 +309,14 @@ impl Service {
     /// Sends a raw read between the line's own exchanges.
     ///
     /// # Errors
-    /// [`Failure::NoSuchLine`], or what the line reported.
+    /// As [`Service::may_send`]; [`Failure::NoSuchLine`], or what the line reported.
     pub async fn raw(
         &self,
         line: &str,
         exchange: Exchange<'static>,
         terms: RawTerms,
     ) -> Result<ProbeResult, Failure> {
+        self.may_send(line, &exchange)?;
         let (handle, probe) = self.probe_of(line, exchange, terms)?;
         Ok(handle.probe(probe).await?)
     }

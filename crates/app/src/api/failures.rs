@@ -6,7 +6,7 @@ use railbus_bus::Evidence;
 use railbus_device::{Point, Refusal};
 use railbus_host::{Access, Fault, LineState, PortError, Presence};
 use railbus_site::config::Problem as ConfigProblem;
-use railbus_site::{Failure, Role, Service};
+use railbus_site::{Failure, Service};
 use railbus_wire::Micros;
 use railbus_words::Lang;
 use serde_json::json;
@@ -66,13 +66,8 @@ pub fn problem(
         Failure::NotTried => about(service, Problem::new(codes::NOT_TRIED), module),
         Failure::Undone => about(service, Problem::new(codes::UNDONE), module),
         Failure::NotUndone => about(service, Problem::new(codes::NOT_UNDONE), module),
-        Failure::RoleTooLow(role) => {
-            let problem = Problem::new(codes::ROLE).with("role", role.name());
-            problem.with("need", Role::Operator.name())
-        }
-        Failure::NotPermitted { module, label } => {
-            let problem = Problem::new(codes::POINT_RIGHT).with("module", module.as_str());
-            problem.with("point", label.as_str())
+        Failure::RoleTooLow { .. } | Failure::NotPermitted { .. } | Failure::Limited(_) => {
+            of_rights(failure)
         }
         Failure::NoSuchGroup => Problem::new(codes::NO_SUCH_GROUP),
         Failure::NoSuchScene => Problem::new(codes::NO_SUCH_SCENE),
@@ -270,7 +265,14 @@ pub fn of_line(service: &Service, line: &str, failure: &Failure) -> Problem {
         Failure::Line(Fault::Closed) | Failure::Lent => line_closed(service, line),
         Failure::Line(fault) => Problem::new(kind_of(fault)).with("line", line),
         Failure::NotAudited => Problem::new(codes::NOT_AUDITED).with("line", line),
+        // A frame for an address that is no module's.
+        Failure::NotPermitted { module, .. } if module.is_empty() => {
+            Problem::new(codes::POINT_RIGHT).with("line", line)
+        }
         Failure::Due { .. } => problem(service, line, None, failure),
+        Failure::RoleTooLow { .. } | Failure::NotPermitted { .. } | Failure::Limited(_) => {
+            of_rights(failure)
+        }
         // A raw frame never ends like this.
         _ => Problem::new(codes::INTERNAL).with("reason", failure.name()),
     };
@@ -280,11 +282,30 @@ pub fn of_line(service: &Service, line: &str, failure: &Failure) -> Problem {
     }
 }
 
+/// Why a caller may not do something.
+pub fn of_rights(failure: &Failure) -> Problem {
+    match failure {
+        Failure::RoleTooLow { role, need } => {
+            let problem = Problem::new(codes::ROLE).with("role", role.name());
+            problem.with("need", need.name())
+        }
+        Failure::NotPermitted { module, label } => {
+            let problem = Problem::new(codes::POINT_RIGHT).with("module", module.as_str());
+            problem.with("point", label.as_str())
+        }
+        Failure::Limited(points) => Problem::new(codes::LIMITED).with("points", points.to_vec()),
+        _ => Problem::new(codes::INTERNAL).with("reason", failure.name()),
+    }
+}
+
 /// Why a command to outputs of several modules was not carried out.
 pub fn of_several(failure: &Failure) -> Problem {
     let problem = match failure {
         Failure::Playing => Problem::new(codes::PLAYING),
         Failure::NotRead(fault) | Failure::Line(fault) => Problem::new(kind_of(fault)),
+        Failure::RoleTooLow { .. } | Failure::NotPermitted { .. } | Failure::Limited(_) => {
+            of_rights(failure)
+        }
         // Everything else is the result of one of its outputs.
         _ => Problem::new(codes::INTERNAL).with("reason", failure.name()),
     };

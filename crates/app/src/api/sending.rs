@@ -34,20 +34,13 @@ pub struct Plan {
     bytes: Vec<u8>,
     asked: Exchange<'static>,
     terms: RawTerms,
-    /// The modules it may affect.
-    pub modules: Vec<String>,
     /// The answer to a dry run.
     pub told: SendPlan,
 }
 
 impl Plan {
-    /// Its greatest possible effect.
-    pub fn risk(&self) -> Risk {
-        Risk::of(&self.asked)
-    }
-
     /// Whether it may change something.
-    pub fn changes(&self) -> bool {
+    fn changes(&self) -> bool {
         !self.told.needs.is_empty()
     }
 }
@@ -138,7 +131,7 @@ pub fn plan(
             &overrides,
             foreign_command(&bytes, protocol, Protocol::ALL),
         ),
-        modules: modules.clone(),
+        modules,
         overrides,
         needs,
     };
@@ -147,9 +140,14 @@ pub fn plan(
         bytes,
         asked,
         terms,
-        modules,
         told,
     })
+}
+
+/// Refuses a frame whose effects this handle's rights do not cover.
+pub fn check_rights(service: &Service, plan: &Plan) -> Result<(), Problem> {
+    let refused = |failure| failures::of_line(service, &plan.line, &failure);
+    service.may_send(&plan.line, &plan.asked).map_err(refused)
 }
 
 /// Refuses a frame whose effects are not confirmed.

@@ -100,11 +100,15 @@ fn failures() -> Vec<(SiteFailure, bool)> {
         SiteFailure::NotTried,
         SiteFailure::Undone,
         SiteFailure::NotUndone,
-        SiteFailure::RoleTooLow(Role::Viewer),
+        SiteFailure::RoleTooLow {
+            role: Role::Viewer,
+            need: Role::Operator,
+        },
         SiteFailure::NotPermitted {
             module: "oven".to_owned(),
             label: "k1".to_owned(),
         },
+        SiteFailure::Limited(["oven.k1".to_owned()].into()),
         SiteFailure::NoSuchGroup,
         SiteFailure::NoSuchScene,
         SiteFailure::Playing,
@@ -141,8 +145,9 @@ fn failures() -> Vec<(SiteFailure, bool)> {
             | SiteFailure::Due { .. }
             | SiteFailure::NotTried
             | SiteFailure::Undone
-            | SiteFailure::RoleTooLow(_)
+            | SiteFailure::RoleTooLow { .. }
             | SiteFailure::NotPermitted { .. }
+            | SiteFailure::Limited(_)
             | SiteFailure::NoSuchGroup
             | SiteFailure::NoSuchScene
             | SiteFailure::Playing

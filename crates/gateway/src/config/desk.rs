@@ -3,11 +3,11 @@
 
 use crate::access::Caller;
 use railbus_api::problem::{Problem, codes};
-use railbus_app::api::failures::bad_config;
+use railbus_app::api::failures::{self, bad_config};
 use railbus_app::config_file;
 use railbus_site::config::edit::WriteError;
 use railbus_site::config::keeper::{Generation, Keeper, etag};
-use railbus_site::{Config, Loan, Reloaded, Service};
+use railbus_site::{Config, Loan, ReloadError, Reloaded, Service};
 use railbus_store::audit::Origin;
 use railbus_store::history::{Event, EventKind, Severity};
 use railbus_words::Lang;
@@ -221,7 +221,10 @@ impl Desk {
     ) -> Result<Changed, Problem> {
         let name = self.file().display().to_string();
         let done = service.reload_written(text, written).await;
-        let reloaded = done.map_err(|problems| bad_config(lang, &name, &problems))??;
+        let reloaded = done.map_err(|error| match error {
+            ReloadError::Problems(problems) => bad_config(lang, &name, &problems),
+            ReloadError::Refused(failure) => failures::of_rights(&failure),
+        })??;
         self.is_another();
         let etag = etag(text);
         Ok(Changed { etag, reloaded })

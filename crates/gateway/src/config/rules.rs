@@ -16,7 +16,7 @@ use jiff::tz::TimeZone;
 use railbus_api::problem::{Problem, codes};
 use railbus_api::rules::{RuleInfo, RuleText, Rules, TriedInfo, TryRequest};
 use railbus_api::types::SCHEMA;
-use railbus_app::api::failures::bad_config;
+use railbus_app::api::failures::{bad_config, of_rights};
 use railbus_app::api::{past, rules as told};
 use railbus_site::config::Rule;
 use railbus_site::{Config, Service};
@@ -183,7 +183,8 @@ fn span(wanted: &TryRequest) -> Result<(i64, i64), Problem> {
 }
 
 async fn arm(Path(id): Path<String>, order: Order) -> Answer {
-    let service = &order.site.service;
+    let (who, site) = (&order.who, &order.site);
+    let service = &site.service.on_behalf_of(who.origin(), who.rights());
     let rule = match known(service, &id) {
         Ok(rule) => rule,
         Err(problem) => return answer::problem(&problem),
@@ -202,10 +203,13 @@ async fn arm(Path(id): Path<String>, order: Order) -> Answer {
         }
     };
     let answer = edit(&order, change).await;
-    if answer.status() == StatusCode::OK {
-        service.begin_rule_anew(&id);
+    if answer.status() != StatusCode::OK {
+        return answer;
     }
-    answer
+    match service.begin_rule_anew(&id) {
+        Ok(()) => answer,
+        Err(refused) => answer::problem(&of_rights(&refused)),
+    }
 }
 
 /// A rule that is newly armed must have been tested exactly as it is.

@@ -4,8 +4,8 @@ use super::context::Context;
 use super::order::TTL;
 use super::state::State;
 use super::turns::Turn;
-use super::write::Who;
 use crate::config::Place;
+use crate::rights::Who;
 use crate::{Failure, WriteDone, WriteTerms};
 use railbus_device::{Bank, Module, Point};
 use railbus_host::{Confirmed, Fault};
@@ -120,7 +120,7 @@ impl Context {
         set: &[(Place, bool)],
         terms: BatchTerms,
     ) -> BatchDone {
-        let (mut done, items) = self.with(|state| state.checked(set, terms));
+        let (mut done, items) = self.with(|state| state.checked(who, set, terms));
         if !terms.all_or_nothing || items.is_empty() {
             self.switch_in_turn(who, &mut done, &items, terms, &Held::Not)
                 .await;
@@ -132,7 +132,7 @@ impl Context {
         match self.turn(places, self.now() + TTL).await {
             Ok(turn) => {
                 // Meanwhile the configuration may have changed, or the site may be closing.
-                let (done, items) = self.with(|state| state.checked(set, terms));
+                let (done, items) = self.with(|state| state.checked(who, set, terms));
                 if items.is_empty() {
                     return done;
                 }
@@ -214,7 +214,7 @@ impl Context {
         // If nothing is known, any of it may be on.
         let are_off = members.iter().all(|at| before.get(at) == Some(&false));
         let set: Vec<_> = members.into_iter().map(|at| (at, are_off)).collect();
-        let (mut done, items) = self.with(|state| state.checked(&set, terms));
+        let (mut done, items) = self.with(|state| state.checked(who, &set, terms));
         if terms.all_or_nothing && !items.is_empty() {
             let all = self.all_or_nothing(who, done, &items, terms, (turn, before));
             return Ok(all.await);
@@ -442,8 +442,13 @@ impl Context {
 impl State {
     /// The outputs that are refused, with the reason, and those that can be tried. With all or
     /// nothing, one refusal refuses all.
-    fn checked(&self, set: &[(Place, bool)], terms: BatchTerms) -> (BatchDone, Vec<Item>) {
-        let may = |place: &Place, on| self.may_switch(place, on, terms.confirm);
+    fn checked(
+        &self,
+        who: &Who,
+        set: &[(Place, bool)],
+        terms: BatchTerms,
+    ) -> (BatchDone, Vec<Item>) {
+        let may = |place: &Place, on| self.may_switch(who, place, on, terms.confirm);
         let checked = |place: &Place, on| Err(may(place, on).err().unwrap_or(Failure::NotTried));
         let done = BatchDone {
             parts: parts(set, checked),
@@ -461,9 +466,9 @@ impl State {
         (done, items)
     }
 
-    fn may_switch(&self, place: &Place, on: bool, confirm: bool) -> Result<(), Failure> {
+    fn may_switch(&self, who: &Who, place: &Place, on: bool, confirm: bool) -> Result<(), Failure> {
         let points = [place.point];
-        self.may_command(&place.module, &points, confirm)?;
+        self.may_command(who, &place.module, &points, confirm)?;
         let rising = points.into_iter().filter(|_| on);
         self.watched(&place.module, rising)
     }

@@ -5,8 +5,9 @@ use super::order::{TTL, places};
 use super::promises::Why;
 use super::state::State;
 use super::timers::{Begin, is_released};
-use super::write::{Who, note};
+use super::write::note;
 use crate::config::Place;
+use crate::rights::Who;
 use crate::{Failure, WriteDone, WriteTerms};
 use railbus_device::Point;
 use railbus_wire::Micros;
@@ -36,7 +37,7 @@ impl Context {
         (value, time): (bool, Micros),
         confirm: bool,
     ) -> Result<Leased, Failure> {
-        self.with(|state| state.may_command(module, &[point], confirm))?;
+        self.with(|state| state.may_command(who, module, &[point], confirm))?;
         if !(LEASE_MIN..=LEASE_MAX).contains(&time) {
             return Err(Failure::LeaseTime(point));
         }
@@ -47,7 +48,7 @@ impl Context {
         let expires = self.now() + TTL;
         let turn = self.turn(places(module, &[point]), expires).await?;
         // Meanwhile the configuration may have changed, or the site may be closing.
-        self.with(|state| state.may_command(module, &[point], confirm))?;
+        self.with(|state| state.may_command(who, module, &[point], confirm))?;
         let key = (Place::new(module, point), Why::Lease);
         let (end, held) = self.with(|state| {
             let end = state.end_of_lease(&key.0, value);
@@ -92,12 +93,12 @@ impl Context {
         module: &str,
         point: Point,
     ) -> Result<Option<WriteDone>, Failure> {
-        self.with(|state| state.may_command(module, &[point], true))?;
+        self.with(|state| state.may_command(who, module, &[point], true))?;
         let expires = self.now() + TTL;
         let turn = self.turn(places(module, &[point]), expires).await?;
         let key = (Place::new(module, point), Why::Lease);
         let (number, held) = self.with(|state| {
-            state.may_command(module, &[point], true)?;
+            state.may_command(who, module, &[point], true)?;
             state.schedule.find(&key).ok_or(Failure::NoLease(point))
         })?;
         let Some(on) = held.end else {

@@ -4,9 +4,8 @@ use super::context::Context;
 use super::promises::{Key, Promise, Why};
 use super::state::State;
 use super::timers::Timer;
-use super::write::Who;
 use crate::config::{Config, Place, Policy, Safety};
-use railbus_store::audit::Origin;
+use crate::rights::Who;
 use railbus_wire::Micros;
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -20,7 +19,7 @@ type Wanted = BTreeMap<String, Vec<(Place, bool)>>;
 impl Context {
     /// Outputs with a policy for the end of the site are switched.
     pub(crate) async fn exit_policy(&self) {
-        let who = Who::new(Origin::program("on_exit"));
+        let who = Who::program("on_exit");
         let wanted = self.with(|state| state.wanted(None, |safety| safety.on_exit));
         let switching = wanted.into_iter().map(|(module, outputs)| {
             let (context, who) = (self.clone(), Who::clone(&who));

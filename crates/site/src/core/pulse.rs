@@ -5,8 +5,9 @@ use super::context::Context;
 use super::order::{Entry, Order, TTL, channel, places};
 use super::promises::Why;
 use super::timers::Begin;
-use super::write::{Who, note};
+use super::write::note;
 use crate::config::Place;
+use crate::rights::Who;
 use crate::{Failure, Pulses};
 use railbus_device::{Bank, Observation, Op, Point, PulseTiming};
 use railbus_host::Confirmed;
@@ -77,11 +78,11 @@ impl Context {
         point: Point,
         pulse: Pulse,
     ) -> Result<PulseDone, Failure> {
-        self.with(|state| state.may_command(module, &[point], pulse.confirm))?;
+        self.with(|state| state.may_command(who, module, &[point], pulse.confirm))?;
         let expires = self.now() + TTL;
         let turn = self.turn(places(module, &[point]), expires).await?;
         // Meanwhile the configuration may have changed, or the site begun to end.
-        self.with(|state| state.may_command(module, &[point], pulse.confirm))?;
+        self.with(|state| state.may_command(who, module, &[point], pulse.confirm))?;
         // It may be another board by now, or keep the time otherwise.
         let way = self.way(module, point, pulse).await?;
         let value = !pulse.off;

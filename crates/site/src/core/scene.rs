@@ -2,8 +2,8 @@
 
 use super::batch::{BatchDone, BatchTerms, Part, parts_of};
 use super::context::Context;
-use super::write::Who;
 use crate::config::{Place, Scene, Step};
+use crate::rights::Who;
 use crate::{Failure, WriteTerms};
 use railbus_wire::Micros;
 

@@ -12,6 +12,7 @@ use super::turns::Turns;
 use super::{At, LineId, Now};
 use crate::config::{ModuleConfig, Place};
 use crate::health::Health;
+use crate::rights::Who;
 use crate::service::Update;
 use crate::{Change, Config, Failure, Quality, Reason, Site, Value};
 use railbus_device::{Point, PointKind};
@@ -137,18 +138,22 @@ impl State {
         config.ok_or(Failure::NoSuchModule)
     }
 
-    /// Whether somebody may switch these points now.
+    /// Whether this caller may switch these points now, by the present configuration. Asked when
+    /// the command comes, and again when its turn has come.
     pub(super) fn may_command(
         &self,
+        who: &Who,
         module: &str,
         points: &[Point],
         confirm: bool,
     ) -> Result<(), Failure> {
+        let config = self.site.config();
+        let may_switch = |point: &Point| who.rights.may_switch_in(config, module, *point);
+        points.iter().try_for_each(may_switch)?;
         self.writable(module, points)?;
         if self.schedule.is_stopping {
             return Err(Fault::Closed.into());
         }
-        let config = self.site.config();
         let safety = |point: &Point| config.safety(&Place::new(module, *point));
         let asks = |point: &&Point| safety(point).is_some_and(|safety| safety.confirm.is_some());
         match points.iter().find(asks) {

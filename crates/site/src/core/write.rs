@@ -5,6 +5,7 @@ use super::order::{Entry, Order, TTL, bank_state, channel, places};
 use super::turns::Turn;
 use crate::Failure;
 use crate::config::Place;
+use crate::rights::Who;
 use railbus_device::{Bank, Op, Point};
 use railbus_host::{Confirmed, Fault};
 use railbus_store::audit::{Note, Origin};
@@ -58,12 +59,9 @@ pub struct WriteDone {
     pub read_then_set: bool,
 }
 
-/// Who asks for something.
-pub(crate) type Who = std::sync::Arc<Origin>;
-
 pub(super) fn note(who: &Who, what: String) -> Note {
     Note {
-        origin: Origin::clone(who),
+        origin: Origin::clone(&who.origin),
         what,
     }
 }
@@ -79,11 +77,11 @@ impl Context {
         terms: WriteTerms,
     ) -> Result<WriteDone, Failure> {
         let points: Vec<Point> = set.iter().map(|(point, _)| *point).collect();
-        self.with(|state| state.may_command(module, &points, terms.confirm))?;
+        self.with(|state| state.may_command(who, module, &points, terms.confirm))?;
         let expires = self.now() + TTL;
         let turn = self.turn(places(module, &points), expires).await?;
         // Meanwhile the configuration may have changed, or the site begun to end.
-        self.with(|state| state.may_command(module, &points, terms.confirm))?;
+        self.with(|state| state.may_command(who, module, &points, terms.confirm))?;
         if let Some(wanted) = terms.only_if {
             self.read_all(module).await?;
             let other = self.with(|state| {
@@ -165,10 +163,10 @@ impl Context {
         terms: ToggleTerms,
     ) -> Result<WriteDone, Failure> {
         let ToggleTerms { raw, confirm } = terms;
-        self.with(|state| state.may_command(module, &[point], confirm))?;
+        self.with(|state| state.may_command(who, module, &[point], confirm))?;
         let expires = self.now() + TTL;
         let turn = self.turn(places(module, &[point]), expires).await?;
-        self.with(|state| state.may_command(module, &[point], confirm))?;
+        self.with(|state| state.may_command(who, module, &[point], confirm))?;
         let done = if raw {
             let what = self.with(|state| {
                 state.watched(module, [point])?;

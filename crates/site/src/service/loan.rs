@@ -46,10 +46,12 @@ impl Service {
     /// under way get a second to end.
     ///
     /// # Errors
-    /// [`Failure::NoSuchLine`]; [`Failure::Lent`] while somebody else has it; [`Failure::Due`]
-    /// where an output must be switched off soon, which nobody could do meanwhile;
-    /// [`Fault::Overloaded`] where too many wait for lines; [`Fault::Closed`] when the site ends.
+    /// [`Failure::RoleTooLow`], [`Failure::Limited`]; [`Failure::NoSuchLine`]; [`Failure::Lent`]
+    /// while another caller has it; [`Failure::Due`] where an output must be switched off soon,
+    /// which nobody could do meanwhile; [`Fault::Overloaded`] where too many wait for lines;
+    /// [`Fault::Closed`] when the site ends.
     pub async fn lend(&self, line: &str) -> Result<Loan, Failure> {
+        self.who.rights.may_change_site()?;
         let (end, lent) = oneshot::channel();
         let name = line.to_owned();
         let task = self.inner.drive(|core, now| {

@@ -5,14 +5,14 @@
 use super::Service;
 use crate::config::{Place, Step};
 use crate::core::{
-    BatchDone, BatchTerms, Context, GroupState, Leased, Pulse, PulseDone, ToggleTerms, Who,
-    WriteDone, WriteTerms,
+    BatchDone, BatchTerms, Context, GroupState, Leased, Pulse, PulseDone, ToggleTerms, WriteDone,
+    WriteTerms,
 };
+use crate::rights::Who;
 use crate::{Config, Failure, Rights};
 use railbus_device::Point;
 use railbus_host::Fault;
 use railbus_wire::Micros;
-use std::sync::Arc;
 use tokio::sync::oneshot;
 
 /// The outputs that a command may switch.
@@ -29,15 +29,10 @@ impl Outputs<'_> {
     /// Whether these rights cover all of them. A group or scene that does not exist has none.
     fn permitted(self, config: &Config, rights: &Rights) -> Result<(), Failure> {
         rights.may_command()?;
-        if rights.points.is_empty() {
+        if !rights.is_limited() {
             return Ok(());
         }
-        let point = |module: &str, point: Point| {
-            let known = config.modules.get(module);
-            let label = known.map(|known| known.setup.label(point));
-            let label = label.map(|(letters, number)| format!("{letters}{number}"));
-            rights.may_switch(module, &label.unwrap_or_default())
-        };
+        let point = |module: &str, point: Point| rights.may_switch_in(config, module, point);
         let place = |place: &Place| point(&place.module, place.point);
         match self {
             Outputs::Point(module, at) => point(module, at),
@@ -59,8 +54,10 @@ impl Outputs<'_> {
 }
 
 impl Service {
-    /// Starts a command if this handle's rights cover its outputs, both as one step: whatever the
-    /// configuration says in between. It goes on where nobody waits any more.
+    /// Starts a command if this handle's rights cover its outputs by the present configuration,
+    /// both as one step. They are asked again for each output when its turn has come
+    /// (`State::may_command`), by the configuration of that moment. It goes on if the caller is
+    /// gone.
     async fn order<T, F>(
         &self,
         outputs: Outputs<'_>,
@@ -71,9 +68,9 @@ impl Service {
         F: Future<Output = Result<T, Failure>> + Send + 'static,
     {
         let (end, ended) = oneshot::channel();
-        let who = Arc::clone(&self.origin);
+        let who = self.who.clone();
         self.inner.drive(|core, now| {
-            outputs.permitted(core.state(now).site.config(), &self.rights)?;
+            outputs.permitted(core.state(now).site.config(), &self.who.rights)?;
             // Fails where nobody waits any more.
             let end = |value| _ = end.send(value);
             core.start(now, |context| procedure(context, who), end);

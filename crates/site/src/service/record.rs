@@ -3,7 +3,8 @@
 
 use super::{Follower, Inner, LineStatus, PointStatus, Service};
 use crate::core::{Begun, News, State};
-use crate::{Failure, Quality, Rights, Value};
+use crate::rights::Who;
+use crate::{Failure, Quality, Value};
 use railbus_device::Point;
 use railbus_host::{LineState, Presence};
 use railbus_store::audit::{AuditLog, End, NotWritten, Note, Origin};
@@ -109,9 +110,16 @@ impl Service {
     /// outputs. It is durable when this returns.
     ///
     /// # Errors
-    /// [`Failure::NotAudited`]: then it may not be done.
+    /// [`Failure::RoleTooLow`], [`Failure::Limited`], [`Failure::NotAudited`]: then it may not be
+    /// done.
     pub async fn begin_work(&self, module: &str, what: String) -> Result<Work, Failure> {
-        let origin = Origin::clone(&self.origin);
+        self.who.rights.may_change_site()?;
+        self.note_work(module, what).await
+    }
+
+    /// The same of work whose rights were asked.
+    pub(super) async fn note_work(&self, module: &str, what: String) -> Result<Work, Failure> {
+        let origin = Origin::clone(&self.who.origin);
         let note = Note { origin, what };
         let begun = self.inner.begin(module, None, note, String::new()).await?;
         Ok(Work {
@@ -123,7 +131,7 @@ impl Service {
     /// For whom this handle acts.
     #[must_use]
     pub fn origin(&self) -> &Origin {
-        &self.origin
+        &self.who.origin
     }
 }
 
@@ -250,8 +258,7 @@ impl Recorder {
     fn site(&self) -> Option<Service> {
         Some(Service {
             inner: self.site.upgrade()?,
-            origin: Arc::new(Origin::program("history")),
-            rights: Rights::all(),
+            who: Who::program("history"),
         })
     }
 

@@ -3,10 +3,32 @@
 use super::{Service, lock};
 use crate::config::Problem;
 use crate::core::Store;
-use crate::{Config, Reloaded};
+use crate::{Config, Failure, Reloaded};
 use std::convert::Infallible;
 use std::future::pending;
 use std::sync::{Arc, Mutex};
+
+/// Why a configuration is not brought into force.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum ReloadError {
+    /// The text has these problems.
+    Problems(Vec<Problem>),
+    /// [`Failure::RoleTooLow`], or [`Failure::Limited`] where it changes more than the names of
+    /// points that the caller is limited to.
+    Refused(Failure),
+}
+
+impl From<Vec<Problem>> for ReloadError {
+    fn from(problems: Vec<Problem>) -> ReloadError {
+        ReloadError::Problems(problems)
+    }
+}
+
+impl From<Failure> for ReloadError {
+    fn from(failure: Failure) -> ReloadError {
+        ReloadError::Refused(failure)
+    }
+}
 
 impl Service {
     /// Takes another configuration. Lines that stay where they are go on: of their modules, those
@@ -14,8 +36,8 @@ impl Service {
     /// closed and opened anew. It goes on to its end, whether or not somebody waits.
     ///
     /// # Errors
-    /// Every problem of the text. Then nothing has changed.
-    pub async fn reload(&self, text: &str) -> Result<Reloaded, Vec<Problem>> {
+    /// [`ReloadError`]: then nothing has changed.
+    pub async fn reload(&self, text: &str) -> Result<Reloaded, ReloadError> {
         let written = async { Ok::<(), Infallible>(()) };
         let reloaded = self.reload_written(text, written).await?;
         Ok(reloaded.unwrap_or_else(|never| match never {}))
@@ -31,8 +53,9 @@ impl Service {
         &self,
         text: &str,
         written: impl Future<Output = Result<(), E>> + Send + 'static,
-    ) -> Result<Result<Reloaded, E>, Vec<Problem>> {
+    ) -> Result<Result<Reloaded, E>, ReloadError> {
         let config = Config::parse(text)?;
+        self.who.rights.may_reload(&self.config(), &config)?;
         let end = Arc::new(Mutex::new(None));
         let ended = Arc::clone(&end);
         let store = Store(Box::pin(async move {

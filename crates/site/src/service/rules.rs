@@ -7,11 +7,11 @@ pub use status::RuleStatus;
 
 use super::{Inner, Service, Update, Updates, lock};
 use crate::config::{Place, Rule, When};
+use crate::rights::Who;
 use crate::rules::{Deadline, Engine, Fact, Moment, Output, Phase, Tried, try_against};
-use crate::{Quality, Rights, Value};
+use crate::{Failure, Quality, Value};
 use jiff::tz::TimeZone;
 use railbus_host::{LineState, PortError, Presence};
-use railbus_store::audit::Origin;
 use railbus_store::history::{HistoryError, Severity, millis};
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -108,7 +108,11 @@ impl Service {
     }
 
     /// A rule that was stopped begins anew.
-    pub fn begin_rule_anew(&self, id: &str) {
+    ///
+    /// # Errors
+    /// [`Failure::RoleTooLow`], [`Failure::Limited`].
+    pub fn begin_rule_anew(&self, id: &str) -> Result<(), Failure> {
+        self.who.rights.may_change_site()?;
         self.sync();
         if let Some(standing) = lock(&self.inner.rules.all).get_mut(id)
             && let Some(engine) = &mut standing.engine
@@ -118,6 +122,7 @@ impl Service {
             standing.is_known = false;
         }
         self.inner.rules.again.notify_one();
+        Ok(())
     }
 
     /// The rules are those of the configuration. One that acts as before goes on where it is.
@@ -236,7 +241,7 @@ impl Service {
 
 /// Carries the rules out until the site has gone.
 async fn run(site: Weak<Inner>, mut updates: Updates) {
-    let origin = Arc::new(Origin::program("rules"));
+    let who = Who::program("rules");
     let mut update = Some(Update::Reloaded);
     loop {
         let Some(inner) = site.upgrade() else {
@@ -247,8 +252,7 @@ async fn run(site: Weak<Inner>, mut updates: Updates) {
         }
         let service = Service {
             inner,
-            origin: Arc::clone(&origin),
-            rights: Rights::all(),
+            who: who.clone(),
         };
         let wake = service.turn(update.take().as_ref());
         let again = Arc::clone(&service.inner.rules.again);

@@ -3,8 +3,8 @@
 //! cached state of the outputs of its modules is valid any more, until they are read again.
 
 use super::{Inner, RawTerms, Service};
-use crate::Failure;
 use crate::config::Place;
+use crate::{Failure, Role};
 use railbus_commission::{Risk, is_answered};
 use railbus_host::{Fault, ProbeResult, Probed, reply_in};
 use railbus_store::audit::End;
@@ -38,11 +38,44 @@ impl Service {
         of_line.map(|(name, _)| name.clone()).collect()
     }
 
+    /// Whether this handle's rights cover what a frame may do to modules of this line, by the
+    /// present configuration: engineers send, and with a limit to some points only what can affect
+    /// no other output. Stored settings include the address: another module would answer to that
+    /// name.
+    ///
+    /// # Errors
+    /// [`Failure::RoleTooLow`], [`Failure::Limited`], [`Failure::NotPermitted`].
+    pub fn may_send(&self, line: &str, asked: &Exchange<'_>) -> Result<(), Failure> {
+        let rights = &self.who.rights;
+        rights.at_least(Role::Engineer)?;
+        match Risk::of(asked) {
+            Risk::Read => return Ok(()),
+            Risk::Output => {}
+            Risk::Kept | Risk::All => return rights.may_change_site(),
+        }
+        if !rights.is_limited() {
+            return Ok(());
+        }
+        let (modules, config) = (self.concerned(line, asked), self.config());
+        if modules.is_empty() {
+            return Err(Failure::NotPermitted {
+                module: String::new(),
+                label: String::new(),
+            });
+        }
+        let outputs = self.inner.read(|state| state.outputs());
+        let mut outputs = outputs
+            .iter()
+            .filter(|place| modules.contains(&place.module));
+        outputs.try_for_each(|place| rights.may_switch_in(&config, &place.module, place.point))
+    }
+
     /// Sends a frame that may change something, once. Its audit entry contains `what`. The caller
     /// has reported what it may do.
     ///
     /// # Errors
-    /// [`Failure`]; [`Failure::may_have_acted`] says whether it may have been sent.
+    /// As [`Service::may_send`], which is asked again after the audit entry; [`Failure`];
+    /// [`Failure::may_have_acted`] says whether it may have been sent.
     pub async fn send(
         &self,
         line: &str,
@@ -50,6 +83,7 @@ impl Service {
         terms: RawTerms,
         what: String,
     ) -> Result<Sent, Failure> {
+        self.may_send(line, &exchange)?;
         let (handle, probe) = self.probe_of(line, exchange, terms)?;
         if self.inner.read(|state| state.is_stopping()) {
             return Err(Fault::Closed.into());
@@ -59,8 +93,12 @@ impl Service {
             [module] => Some(module.clone()),
             _ => None,
         };
-        let work = self.begin_work(alone.as_deref().unwrap_or_default(), what);
+        let work = self.note_work(alone.as_deref().unwrap_or_default(), what);
         let work = work.await?;
+        if let Err(refused) = self.may_send(line, &exchange) {
+            work.end(End::not_done(refused.name())).await;
+            return Err(refused);
+        }
         let audit = work.id().to_owned();
         let doubt = Doubt::begin(&self.inner, modules);
         let probe = railbus_host::Probe {

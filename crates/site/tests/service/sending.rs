@@ -15,7 +15,7 @@ use tokio::net::TcpListener;
 const LOCK: &str = "[module.oven.point.k1]\ninterlock = [\"yard.k1\"]\n";
 
 /// Switches a relay by a frame of its own.
-fn frame(address: u8, number: u8, on: bool) -> Exchange<'static> {
+pub(crate) fn frame(address: u8, number: u8, on: bool) -> Exchange<'static> {
     let request = rtu::Request::WriteCoil {
         at: 59 + u16::from(number),
         value: if on {

@@ -3,8 +3,9 @@
 use super::super::lines::WAITING_MAX;
 use super::super::reload::TURN_MAX;
 use super::super::*;
-use super::world::{End, World, at, bit, ms};
-use crate::{Failure, Reason};
+use super::world::{End, World, at, bit, ms, who_is};
+use crate::rights::Who;
+use crate::{Failure, Reason, Rights, Role};
 use railbus_host::{Fault, LineState};
 
 const PORT: &str = "/dev/ttyS9";
@@ -53,6 +54,39 @@ fn is_quiet(world: &mut World) {
     assert!(world.disk.is_empty(), "{:?}", world.disk);
     assert!(world.open.is_empty(), "{:?}", world.open);
     assert!(world.state().is_at_rest(), "{:?}", world.state());
+}
+
+/// Another model has the name while a scene waits: its outputs have other labels, which the rights
+/// of the caller do not cover.
+#[test]
+fn rights_are_asked_again_by_the_configuration_of_the_moment() {
+    let scene = "[scene.heat]\nsteps = [{ set = \"oven.LABEL\", to = true }, { wait = \"500ms\" }, \
+         { set = \"oven.LABEL\", to = false }]\n";
+    let before = here() + &scene.replace("LABEL", "k1");
+    let mut world = World::new(&before, 1);
+    world.pass(ms(300));
+    let who = Who {
+        rights: Rights {
+            role: Role::Operator,
+            points: ["oven.k1".to_owned()].into(),
+        },
+        ..who_is("li")
+    };
+    let terms = BatchTerms::default();
+    let play = move |core: Context| async move { core.play(&who, "heat", terms).await };
+    let done = world.order(play);
+    world.pass(ms(200));
+    let after = before.replace("k1", "do0").replacen("erc8", "eda9060a", 1);
+    world.reload(&after, true);
+    world.pass(ms(2_000));
+    let ends: Vec<_> = done.now().unwrap().parts.into_iter().collect();
+    assert!(ends[0].end.is_ok(), "{ends:?}");
+    let refused = Failure::NotPermitted {
+        module: "oven".to_owned(),
+        label: "do0".to_owned(),
+    };
+    assert_eq!(ends[1].end, Err(refused));
+    assert_eq!(world.audit().len(), 1, "{:?}", world.audit());
 }
 
 /// A pulse or lease waits for the audit log, and the line comes back with another board of that

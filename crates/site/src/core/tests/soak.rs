@@ -6,6 +6,7 @@ use super::super::order::TTL;
 use super::super::*;
 use super::world::{Dice, Faults, Logged, World, at, bit, ms, who_is};
 use crate::Failure;
+use crate::rights::Who;
 use railbus_device::Bank;
 use std::sync::Mutex;
 

@@ -6,6 +6,7 @@ mod lines;
 use super::super::*;
 pub(super) use super::chance::{Dice, Faults};
 use crate::Failure;
+use crate::rights::Who;
 use crate::service::lock;
 pub(super) use lines::Seat;
 use lines::{Board, Wire};
@@ -475,7 +476,7 @@ impl World {
 }
 
 pub(super) fn who_is(who: &str) -> Who {
-    Who::new(railbus_store::audit::Origin::program(who))
+    Who::program(who)
 }
 
 /// Output k1, k2, …
