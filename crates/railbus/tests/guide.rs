@@ -143,7 +143,9 @@ fn heading(table: &str, lang: &str) -> String {
     match table {
         "" if lang == "zh" => "根".to_owned(),
         "" => "Root".to_owned(),
-        "line" | "module" | "group" | "scene" | "rule" | "webhook" => format!("`[{table}.{name}]`"),
+        "line" | "module" | "group" | "scene" | "rule" | "webhook" | "outlet" => {
+            format!("`[{table}.{name}]`")
+        }
         "line_sim" => format!("`[line.{name}.sim]`"),
         "module_sim" => format!("`[module.{name}.sim]`"),
         "point" => format!("`[module.{name}.point.{label}]`"),

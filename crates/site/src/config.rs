@@ -12,6 +12,7 @@ mod faults;
 pub mod keeper;
 mod keys;
 mod lint;
+mod outlet;
 mod owner;
 mod past;
 mod plant;
@@ -30,6 +31,7 @@ pub use faults::{
 };
 pub use keys::{SCHEMA, TABLES};
 pub use lint::{Unwise, Warning, lint, load_percent, wire_time};
+pub use outlet::{OUTLET_TYPE, OUTLETS_MAX, OutletTable};
 pub use owner::Allowed;
 pub use past::Past;
 pub use plant::{Blink, Plant, Signal, SimLine, SimModule, Swing};
@@ -37,7 +39,7 @@ pub use problem::{Kind, Problem};
 pub use read::{place_of, resembles};
 pub use rules::{ACTIONS_MAX, Action, Clock, Limit, NOTICE_MAX, RULES_MAX, Rule, When};
 pub use units::{Range, Standard};
-pub use webhook::{URL_MAX, WEBHOOKS_MAX, Webhook};
+pub use webhook::{URL_MAX, WEBHOOKS_MAX, Webhook, is_url};
 
 use railbus_bus::{EchoMode, Plan};
 use railbus_commission::settings::Wanted;
@@ -60,6 +62,8 @@ pub struct Config {
     pub rules: BTreeMap<String, Rule>,
     /// Webhooks, by name.
     pub webhooks: BTreeMap<String, Webhook>,
+    /// Integrations that publish the site, by name.
+    pub outlets: BTreeMap<String, OutletTable>,
     /// Its simulation.
     pub plant: Plant,
     /// How much history and audit log is kept.
@@ -192,6 +196,7 @@ impl Config {
         differing("group", &self.groups, &other.groups, &mut found);
         differing("scene", &self.scenes, &other.scenes, &mut found);
         differing("webhook", &self.webhooks, &other.webhooks, &mut found);
+        differing("outlet", &self.outlets, &other.outlets, &mut found);
         let rest = [
             ("ports", self.allowed.ports != other.allowed.ports),
             ("webhooks", self.allowed.webhooks != other.allowed.webhooks),

@@ -303,10 +303,16 @@ fn name_anew(root: &mut Item, kind: &str, old: &str, new: &str) {
     match kind {
         "line" => {
             each_of(root, "module", &["line"], &alone);
-            each_of(root, "webhook", &["lines"], &alone);
+            for table in ["webhook", "outlet"] {
+                each_of(root, table, &["lines"], &alone);
+            }
         }
         _ => {
-            each_of(root, "webhook", &["modules"], &alone);
+            for table in ["webhook", "outlet"] {
+                each_of(root, table, &["modules"], &alone);
+            }
+            each_of(root, "outlet", &["write"], &alone);
+            each_of(root, "outlet", &["write"], &with_point);
             each_of(root, "module", &["point"], &with_point);
             for table in ["group", "scene", "rule"] {
                 each_of(root, table, &[], &with_point);

@@ -1,13 +1,13 @@
 //! Every table of a configuration and its keys: those the reader knows and those of the published
 //! schema. A test compares them.
 
-use super::{control, owner, past, plant, ranges, read, rules, webhook};
+use super::{control, outlet, owner, past, plant, ranges, read, rules, webhook};
 
 /// The published JSON Schema of a configuration.
 pub const SCHEMA: &str = include_str!("schema.json");
 
 /// The keys of each table, under the table's name in [`SCHEMA`]; that of the whole file is empty.
-pub const TABLES: [(&str, &[&str]); 20] = [
+pub const TABLES: [(&str, &[&str]); 21] = [
     ("", &read::ROOT_KEYS),
     ("line", &read::LINE_KEYS),
     ("module", &read::MODULE_KEYS),
@@ -21,6 +21,7 @@ pub const TABLES: [(&str, &[&str]); 20] = [
     ("when", &rules::WHEN_KEYS),
     ("action", &rules::ACTION_KEYS),
     ("webhook", &webhook::WEBHOOK_KEYS),
+    ("outlet", &outlet::OUTLET_KEYS),
     ("ports", &owner::ALLOW_KEYS),
     ("webhooks", &owner::ALLOW_KEYS),
     ("history", &past::HISTORY_KEYS),

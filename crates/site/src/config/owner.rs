@@ -19,6 +19,11 @@ pub struct Allowed {
     pub webhooks: Vec<String>,
 }
 
+impl Allowed {
+    /// The tables of which it is made, as they are written.
+    pub const TABLES: &'static str = "[ports] [webhooks]";
+}
+
 impl<'t> Reader<'t> {
     /// `[ports]` and `[webhooks]`.
     pub(super) fn allowed(&mut self, root: &DeTable<'t>, config: &mut Config) {

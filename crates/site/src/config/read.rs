@@ -13,9 +13,9 @@ use std::ops::Range as Span;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-pub(super) const ROOT_KEYS: [&str; 11] = [
-    "line", "module", "group", "scene", "rule", "webhook", "webhooks", "ports", "sim", "history",
-    "audit",
+pub(super) const ROOT_KEYS: [&str; 12] = [
+    "line", "module", "group", "scene", "rule", "webhook", "webhooks", "outlet", "ports", "sim",
+    "history", "audit",
 ];
 pub(super) const LINE_KEYS: [&str; 6] = ["port", "name", "baud", "format", "echo", "sim"];
 pub(super) const MODULE_KEYS: [&str; 22] = [
@@ -183,9 +183,9 @@ impl<'t> Reader<'t> {
                         }
                     });
                 }
-                // Read when the lines and modules are known. Problems of the others are already
-                // reported.
-                "module" | "group" | "scene" | "rule" | "webhook" | "webhooks" | "ports" => {}
+                // Read below, once lines and modules are known.
+                "module" | "group" | "scene" | "rule" | "webhook" | "webhooks" | "outlet"
+                | "ports" => {}
                 "sim" => {
                     let _ = self.sim(value, &mut config.plant);
                 }
@@ -222,6 +222,7 @@ impl<'t> Reader<'t> {
         }
         self.control(root, &mut config);
         self.webhooks(root, &mut config);
+        self.outlets(root, &mut config);
         self.allowed(root, &mut config);
         config
     }

@@ -160,10 +160,11 @@ impl<'t> Reader<'t> {
     }
 }
 
-/// Whether this is an address that can be asked: `http` or `https`, a host, maybe a port, and
-/// nothing that is not written in ASCII. A name and a password in it would stand in the file for
-/// everybody to read, and are not taken.
-fn is_url(text: &str) -> bool {
+/// Whether this is an address that can be asked, of at most [`URL_MAX`] bytes: `http` or `https`, a
+/// host, maybe a port, and nothing that is not written in ASCII. A name and a password in it would
+/// stand in the file for all to read, and are not taken.
+#[must_use]
+pub fn is_url(text: &str) -> bool {
     let Some(rest) = ["http://", "https://"]
         .iter()
         .find_map(|scheme| text.strip_prefix(scheme))
