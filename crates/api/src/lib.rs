@@ -14,6 +14,7 @@
 pub mod control;
 pub mod models;
 pub mod ops;
+pub mod outlets;
 pub mod past;
 pub mod problem;
 pub mod rules;

@@ -234,6 +234,12 @@ pub mod codes {
         /// Also `name`.
         NO_SIM_MODULE = "E0863", 404;
         /// Also `name`.
+        NO_SUCH_OUTLET = "E0864", 404;
+        /// Also `name`, `reason`.
+        OUTLET_ENDED = "E0875", 500;
+        /// Also `name`.
+        OUTLET_STUCK = "E0880", 504;
+        /// Also `name`.
         NO_SUCH_HOOK = "E0877", 404;
         /// Also `reason`: the status received.
         HOOK_REFUSED = "E0878", 502;

@@ -13,8 +13,10 @@ use crate::config_check::{self, Shown};
 use crate::config_file;
 use crate::machine::Machine;
 use crate::machine::users::User;
+pub use daemon::outlets;
 pub use finding::{Finding, Section, State};
 use jiff::Timestamp;
+use railbus_api::outlets::OutletInfo;
 use railbus_api::types::{LineInfo, ModuleInfo, PointInfo};
 use railbus_site::config::Unwise;
 use railbus_words::Lang;
@@ -28,6 +30,7 @@ pub fn of_daemon(
     modules: Vec<ModuleInfo>,
     points: &[PointInfo],
     certificate: Option<(String, Option<Timestamp>)>,
+    integrations: &[OutletInfo],
     config: &config_file::Found,
 ) -> Vec<serde_json::Value> {
     let machine = Machine::this();
@@ -39,6 +42,7 @@ pub fn of_daemon(
     if let Some((path, Some(end))) = certificate {
         found.extend(daemon::certificate(&path, end, now));
     }
+    found.extend(outlets(integrations));
     found.extend(told(lang, lines, modules.into_iter(), points));
     found.extend(of_config(lang, &machine, config));
     found.sort_by_key(|finding| finding.section);

@@ -13,6 +13,7 @@ use hyper::Method;
 use railbus_api::control::{
     BatchAnswer, GroupInfo, GroupRequest, Groups, SceneInfo, SceneRequest, Scenes,
 };
+use railbus_api::outlets::{OutletInfo, OutletList};
 use railbus_api::past::{HistoryInfo, VerifiedInfo};
 use railbus_api::problem::{Kind, Problem, codes};
 use railbus_api::sending::{SendAnswer, SendRequest};
@@ -229,6 +230,12 @@ impl Remote {
     pub async fn modules(&self) -> Result<Vec<ModuleInfo>, Problem> {
         let modules: Modules = self.get("/api/v1/modules").await?;
         Ok(modules.modules)
+    }
+
+    /// All integrations of the site.
+    pub async fn outlets(&self) -> Result<Vec<OutletInfo>, Problem> {
+        let list: OutletList = self.get("/api/v1/outlets").await?;
+        Ok(list.outlets)
     }
 
     /// The selected points, all by default; `fresh` ones are read first.

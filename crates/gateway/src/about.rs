@@ -4,7 +4,7 @@ use super::access::Need;
 use super::doc::Doc;
 use super::route::{Answer, Asked, Route};
 use super::site::Site;
-use super::{answer, language};
+use super::{answer, language, northbound};
 use axum::extract::{Path, State};
 use axum::http::{HeaderMap, StatusCode};
 use axum::routing::get;
@@ -157,13 +157,22 @@ async fn examine(State(site): State<Site>, asked: Asked, headers: HeaderMap) -> 
     let (lines, modules) = (ask::lines(&site.service), ask::modules(&site.service));
     let points = ask::points(&site.service, &[]);
     let certificate = site.tls.as_ref().map(|tls| tls.expiry());
+    let outlets = northbound::all(&site, &headers);
     let config = config_file::Found {
         config: (*site.service.config()).clone(),
         path: site.desk.file().to_owned(),
     };
     // It goes through all processes, and reads files.
     let found = tokio::task::spawn_blocking(move || {
-        doctor::of_daemon(lang, lines, modules, &points, certificate, &config)
+        doctor::of_daemon(
+            lang,
+            lines,
+            modules,
+            &points,
+            certificate,
+            &outlets,
+            &config,
+        )
     });
     let found = found.await;
     let found =

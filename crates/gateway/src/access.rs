@@ -13,6 +13,7 @@ pub(crate) mod store;
 mod tries;
 mod user_routes;
 
+pub(crate) use accounts::is_selector;
 pub use gate::Gate;
 pub(super) use gate::{Peer, identify};
 pub(super) use session_routes::{ROUTES as SESSION_ROUTES, read};

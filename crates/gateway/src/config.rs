@@ -12,7 +12,7 @@ use super::doc::Doc;
 use super::order::Order;
 use super::route::{Answer, Asked, Route};
 use super::site::Site;
-use super::{answer, language};
+use super::{answer, language, northbound};
 use axum::extract::{DefaultBodyLimit, Path, State};
 use axum::http::HeaderMap;
 use axum::http::header::{ETAG, HeaderValue, IF_MATCH};
@@ -144,9 +144,16 @@ async fn check(order: Order) -> Answer {
     answer::json(told.map_err(broken))
 }
 
+fn wrong(problem: &Problem) -> Value {
+    json!({ "schema": 1, "problems": problem.with["problems"], "warnings": [] })
+}
+
 fn checked(lang: Lang, file: &str, text: &str) -> Value {
     match Config::parse(text) {
         Ok(config) => {
+            if let Err(problem) = northbound::check(lang, file, text, &config) {
+                return wrong(&problem);
+            }
             let warnings = warnings(lang, file, text, &config);
             let (lines, modules) = (config.lines.len(), config.modules.len());
             json!({
@@ -154,10 +161,7 @@ fn checked(lang: Lang, file: &str, text: &str) -> Value {
                 "lines": lines, "modules": modules,
             })
         }
-        Err(problems) => {
-            let problem = bad_config(lang, file, &problems);
-            json!({ "schema": 1, "problems": problem.with["problems"], "warnings": [] })
-        }
+        Err(problems) => wrong(&bad_config(lang, file, &problems)),
     }
 }
 

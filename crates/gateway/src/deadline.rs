@@ -6,7 +6,7 @@ use std::time::Duration;
 /// The most time from the signal to the exit.
 ///
 /// Each part of the shutdown has its own timeout: connections 0.6 s, the release of pulses and
-/// leases 1.4 s, policies 1.2 s, commands in progress on the lines 1 s, webhooks 0.5 s. Together
+/// leases 1.4 s, policies 1.2 s, commands in progress on the lines 1 s, outlets 1 s. Together
 /// that is less, so only what has no timeout is ever cut off: a disk or a driver that hangs.
 pub(super) const END_MAX: Duration = Duration::from_secs(5);
 

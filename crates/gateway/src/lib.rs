@@ -69,11 +69,11 @@ use config::Desk;
 use guard::Front;
 use keys::Keys;
 use listen::Room;
-use northbound::webhook::Hooks;
+use northbound::Northbound;
 use notify::Notify;
 use railbus_api::problem::Problem;
 use railbus_app::api::failures::bad_config;
-use railbus_app::config_file;
+use railbus_app::config_file::{self, Found};
 use railbus_app::failure::Failure;
 use railbus_app::render::{Format, out, records};
 use railbus_app::socket::{self, Socket};
@@ -182,9 +182,21 @@ fn system(lang: Lang, error: impl ToString) -> Failure {
     .because(error)
 }
 
+/// Reads the configuration, and checks the settings of its outlets.
+///
+/// # Errors
+/// There is none, it can't be read, or something is wrong with it.
+pub fn read_config(lang: Lang, named: Option<&Path>) -> Result<Found, Problem> {
+    let found = config_file::read(lang, named)?;
+    let text = config_file::text_of(&found.path)?;
+    let name = found.path.display().to_string();
+    northbound::check(lang, &name, &text, &found.config)?;
+    Ok(found)
+}
+
 /// Checks the configuration and reports the result.
 fn check(lang: Lang, wanted: &ServeOptions, format: Format) -> Result<(), Failure> {
-    let found = config_file::read(lang, wanted.config.as_deref());
+    let found = read_config(lang, wanted.config.as_deref());
     let found = found.map_err(|problem| Failure::of_problem(lang, &problem))?;
     let (lines, modules) = (found.config.lines.len(), found.config.modules.len());
     let path = found.path.display().to_string();
@@ -236,11 +248,7 @@ impl Source {
         let file = file.unwrap_or_else(|_| config_file::real(Path::new(config_file::NAME)));
         // A site may start empty: its first line is added in the browser.
         let config = match file.exists() {
-            true => {
-                config_file::read(lang, Some(&file))
-                    .map_err(refused)?
-                    .config
-            }
+            true => read_config(lang, Some(&file)).map_err(refused)?.config,
             false => Config::default(),
         };
         Ok(Source {
@@ -319,7 +327,8 @@ async fn open_and_serve(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure
     let access = access.map_err(|problem| Failure::of_problem(lang, &problem))?;
     let service = Service::start_in(source.config.clone(), &source.state);
     let service = service.map_err(|error| system(lang, error))?;
-    let events = service.follow_events();
+    let name = site::name_of(source.demo.is_some(), &source.file);
+    let northbound = Northbound::new(&name, &source.state, &service);
     let stores = Stores::open(&service, &source.state);
     let keys = Keys::open(&source.state);
     stores::tell_of_keys(&service, keys.1.as_ref());
@@ -344,9 +353,7 @@ async fn open_and_serve(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure
     let origin = format!("{scheme}://{host}");
     announce(lang, &source, &access, &origin, tls.as_deref(), &socket);
     let desk = Arc::new(Desk::new(&source.file, &source.state, &source.config));
-    let name = site::name_of(source.demo.is_some(), &source.file);
-    let hooks = Hooks::start(name, &source.state, service.clone(), events, desk.changes());
-    let hooks = hooks.map_err(|error| system(lang, error))?;
+    northbound.run(desk.changes());
     let (stop, stopped) = watch::channel(false);
     let site = Site {
         service: service.clone(),
@@ -359,7 +366,7 @@ async fn open_and_serve(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure
         printer: Arc::default(),
         ops: Arc::new(ops::Ops::default()),
         desk: Arc::clone(&desk),
-        hooks: Arc::clone(&hooks),
+        northbound: Arc::clone(&northbound),
         access: Arc::new(access),
         origin: origin.into(),
         tls: tls.clone(),
@@ -413,8 +420,8 @@ async fn open_and_serve(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure
     }
     tokio::join!(room.emptied(), room_of_socket.emptied());
     service.close().await;
-    // Webhooks are notified of the stop, too.
-    tokio::join!(stores.close(&service), hooks.close());
+    // Outlets are notified of the stop, too.
+    tokio::join!(stores.close(&service), northbound.close());
     Ok(())
 }
 

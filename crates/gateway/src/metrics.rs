@@ -1,7 +1,7 @@
 //! `/metrics`, in the OpenMetrics format.
 
 use super::answer;
-use super::northbound::webhook::HookFigures;
+use super::northbound::{self, OutletFigures};
 use super::route::{Answer, Asked};
 use super::site::Site;
 use axum::extract::State;
@@ -24,7 +24,7 @@ pub(super) async fn metrics(State(site): State<Site>, asked: Asked) -> Answer {
     registry.register_collector(Box::new(Scrape {
         counts: site.service.counts(),
         modules: ask::modules(&site.service),
-        hooks: site.hooks.figures(),
+        outlets: site.northbound.figures(),
         points: asked.get("points").is_some_and(|value| value == "1"),
         service: site.service,
     }));
@@ -40,7 +40,7 @@ struct Scrape {
     service: Service,
     counts: BTreeMap<String, Counts>,
     modules: Vec<ModuleInfo>,
-    hooks: Vec<HookFigures>,
+    outlets: Vec<OutletFigures>,
     points: bool,
 }
 
@@ -51,7 +51,7 @@ impl Collector for Scrape {
         self.frames(&mut to)?;
         self.lines(&mut to)?;
         self.up(&mut to)?;
-        self.webhooks(&mut to)?;
+        self.outlets(&mut to)?;
         if self.points {
             self.values(&mut to)?;
         }
@@ -160,24 +160,36 @@ impl Scrape {
         Ok(())
     }
 
-    fn webhooks(&self, to: &mut DescriptorEncoder<'_>) -> Result<(), Error> {
-        let about = "Events for webhooks, by what became of them";
-        let name = "railbus_webhook_deliveries";
-        let mut family = to.encode_descriptor(name, about, None, MetricType::Counter)?;
-        for hook in &self.hooks {
-            for (result, count) in hook.results {
-                let labels = [("webhook", hook.name.as_str()), ("result", result)];
+    /// By kind, so that the name of an outlet is a label under the name of its kind.
+    fn outlets(&self, to: &mut DescriptorEncoder<'_>) -> Result<(), Error> {
+        for kind in northbound::kinds() {
+            let its = || self.outlets.iter().filter(|outlet| outlet.kind == kind);
+            let about = "What was to be delivered, by what became of it";
+            let name = format!("railbus_{kind}_deliveries");
+            let mut family = to.encode_descriptor(&name, about, None, MetricType::Counter)?;
+            for outlet in its() {
+                for (result, count) in outlet.results {
+                    let labels = [(kind, outlet.name.as_str()), ("result", result)];
+                    let mut one = family.encode_family(&labels)?;
+                    one.encode_counter::<NoLabelSet, u64, u64>(&count, None)?;
+                }
+            }
+            let about = "What waits to be delivered";
+            let name = format!("railbus_{kind}_queue");
+            let mut family = to.encode_descriptor(&name, about, None, MetricType::Gauge)?;
+            for outlet in its() {
+                let labels = [(kind, outlet.name.as_str())];
                 let mut one = family.encode_family(&labels)?;
-                one.encode_counter::<NoLabelSet, u64, u64>(&count, None)?;
+                one.encode_gauge(&i64::try_from(outlet.queue).unwrap_or(i64::MAX))?;
             }
         }
-        let about = "Events that wait for a webhook";
-        let name = "railbus_webhook_queue";
+        let about = "Whether an integration works";
+        let name = "railbus_outlet_up";
         let mut family = to.encode_descriptor(name, about, None, MetricType::Gauge)?;
-        for hook in &self.hooks {
-            let labels = [("webhook", hook.name.as_str())];
+        for outlet in &self.outlets {
+            let labels = [("kind", outlet.kind), ("outlet", outlet.name.as_str())];
             let mut one = family.encode_family(&labels)?;
-            one.encode_gauge(&i64::try_from(hook.queue).unwrap_or(i64::MAX))?;
+            one.encode_gauge(&i64::from(outlet.is_up))?;
         }
         Ok(())
     }

@@ -1,32 +1,86 @@
 //! Integrations that publish the site to other systems: outlets. A kind of outlet is a folder
 //! here, and a line of [`NORTHBOUND`].
+//!
+//! An outlet is configured by name, runs on a thread of its own, and gets the site in its own name
+//! and with its own rights ([`outlet`]). What runs and when is decided by [`supervisor`] and done
+//! by [`run`]. Routes, secrets, metrics and the form on the page are the same for every kind, and
+//! made from what its line says ([`kind`]).
 
 mod kind;
-pub(super) mod webhook;
+mod outlet;
+mod routes;
+mod run;
+mod secrets;
+mod settings;
+mod supervisor;
+#[cfg(test)]
+mod tests;
+#[cfg(test)]
+mod textline;
+mod webhook;
 
-use kind::OutletKind;
+pub(super) use routes::{ROUTES, all};
+pub(super) use run::{Northbound, OutletFigures};
 
 use super::route::Route;
-use railbus_api::problem::Problem;
+use kind::OutletKind;
+use railbus_api::problem::{Kind, Problem};
+use railbus_app::api::failures::bad_config;
 use railbus_site::Config;
+use railbus_words::Lang;
+use supervisor::OutletId;
 
 /// Every kind of outlet.
-static NORTHBOUND: &[&OutletKind] = &[&webhook::KIND];
+static NORTHBOUND: &[&OutletKind] = &[
+    &webhook::KIND,
+    #[cfg(test)]
+    &textline::KIND,
+];
+
+/// The names of all kinds.
+pub(super) fn kinds() -> impl Iterator<Item = &'static str> {
+    NORTHBOUND.iter().map(|kind| kind.name)
+}
 
 /// The routes that kinds have of their own.
 pub(super) fn routes() -> impl Iterator<Item = &'static Route> {
     NORTHBOUND.iter().flat_map(|kind| kind.routes)
 }
 
-/// The kind whose outlets stand in tables of this name: `webhook` of `[webhook.alerts]`.
-pub(super) fn of_table(table: &str) -> Option<&'static OutletKind> {
-    NORTHBOUND.iter().copied().find(|kind| kind.table == table)
+/// Whether a table of the configuration, such as `outlet.plant`, is one of an outlet.
+pub(super) fn is_outlet(table: &str) -> bool {
+    let table = table.split_once('.').map(|(table, _)| table);
+    table == Some(kind::TABLE) || NORTHBOUND.iter().any(|kind| table == Some(kind.table))
 }
 
-/// Whether a table of the configuration, such as `webhook.alerts`, is one of an outlet.
-pub(super) fn is_outlet(table: &str) -> bool {
-    let kind = table.split_once('.').map(|(kind, _)| kind);
-    kind.is_some_and(|kind| of_table(kind).is_some())
+/// The problem where a table of the configuration has no outlet of a name; none if no outlets
+/// stand in this table.
+pub(super) fn missing_in(table: &str) -> Option<Kind> {
+    let its = NORTHBOUND.iter().find(|kind| kind.table == table);
+    its.map(|kind| kind.missing)
+}
+
+/// The problem where there is no such outlet.
+fn missing(id: &OutletId) -> Problem {
+    let kind = of_name(id.kind).map(|kind| kind.missing);
+    Problem::new(kind.unwrap_or(railbus_api::problem::codes::NO_SUCH_OUTLET))
+        .with("name", id.name.as_str())
+}
+
+/// The kind of this name.
+fn of_name(name: &str) -> Option<&'static OutletKind> {
+    NORTHBOUND.iter().copied().find(|kind| kind.name == name)
+}
+
+/// Whether the outlets of a configuration have settings that their kinds know.
+///
+/// # Errors
+/// Everything that is wrong, with line and column in this text.
+pub(super) fn check(lang: Lang, file: &str, text: &str, config: &Config) -> Result<(), Problem> {
+    match settings::check(text, config).as_slice() {
+        [] => Ok(()),
+        problems => Err(bad_config(lang, file, problems)),
+    }
 }
 
 /// Whether outlets of a new configuration only lead where the owner of the daemon allows it, or

@@ -4,7 +4,7 @@
 use super::access::{Caller, Gate, Known, Need, Reach, Role};
 use super::config::Desk;
 use super::keys::Keys;
-use super::northbound::webhook::Hooks;
+use super::northbound::Northbound;
 use super::route::{BASE, Route};
 use super::routes::{TOP, all, handlers};
 use super::site::Site;
@@ -127,14 +127,8 @@ impl Here {
         let config = Config::parse(TEXT).unwrap();
         let desk = Arc::new(Desk::new(&file, &folder, &config));
         let service = Service::start_in(config, &folder).unwrap();
-        let events = service.follow_events();
-        let hooks = Hooks::start(
-            "here".to_owned(),
-            &folder,
-            service.clone(),
-            events,
-            desk.changes(),
-        );
+        let northbound = Northbound::new("here", &folder, &service);
+        northbound.run(desk.changes());
         let access = Gate::open(&folder).unwrap_or_else(|problem| panic!("{problem:?}"));
         let (stop, stopped) = watch::channel(false);
         let site = Site {
@@ -148,7 +142,7 @@ impl Here {
             printer: Arc::default(),
             ops: Arc::new(ops::Ops::default()),
             desk,
-            hooks: hooks.unwrap(),
+            northbound,
             access: Arc::new(access),
             origin: "http://127.0.0.1:7485".into(),
             tls: None,

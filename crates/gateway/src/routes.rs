@@ -46,6 +46,7 @@ const ALL: &[&[Route]] = &[
     settings::ROUTES,
     sim::ROUTES,
     ws::ROUTES,
+    northbound::ROUTES,
 ];
 
 /// Every route of the API: those of the tables, and those that a kind of outlet has of its own.

@@ -4,7 +4,7 @@ use super::access::{Caller, Gate};
 use super::config::Desk;
 use super::keys::Keys;
 use super::listen::ended;
-use super::northbound::webhook::Hooks;
+use super::northbound::Northbound;
 use super::ops::Ops;
 use super::tls::Tls;
 use super::ws::{Printer, SocketLimit};
@@ -35,8 +35,8 @@ pub(super) struct Site {
     pub(super) ops: Arc<Ops>,
     /// The configuration file, and its changes.
     pub(super) desk: Arc<Desk>,
-    /// The receivers of events.
-    pub(super) hooks: Arc<Hooks>,
+    /// What publishes the site to other systems.
+    pub(super) northbound: Arc<Northbound>,
     /// Accounts and permissions.
     pub(super) access: Arc<Gate>,
     /// The URL of its pages: `http://127.0.0.1:7485`.

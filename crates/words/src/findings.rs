@@ -445,6 +445,18 @@ pub const ALL: &[Finding] = &[
         ],
     ),
     finding(
+        "D509",
+        ["an integration keeps failing", "集成持续失败"],
+        [
+            "the other system is off or not reachable · wrong address or password",
+            "对方系统已关闭或无法访问 · 地址或密码有误",
+        ],
+        [
+            "see its last error on the page Integrations, and test it there",
+            "在“集成”页面查看最近错误，并进行测试",
+        ],
+    ),
+    finding(
         "L001",
         [
             "a Modbus address equal to the first byte of another protocol's frames",

@@ -322,12 +322,14 @@ fn check_name(name: &str) -> Result<(), Problem> {
     Ok(())
 }
 
-fn check_points(points: &[String]) -> Result<(), Problem> {
+/// Whether this can select points.
+pub(crate) fn is_selector(pattern: &str) -> bool {
     let allowed = |letter: char| letter.is_ascii_alphanumeric() || "_.*?".contains(letter);
-    let fits = |pattern: &String| {
-        (1..=PATTERN_MAX).contains(&pattern.len()) && pattern.chars().all(allowed)
-    };
-    if points.len() > PATTERNS_MAX || !points.iter().all(fits) {
+    (1..=PATTERN_MAX).contains(&pattern.len()) && pattern.chars().all(allowed)
+}
+
+fn check_points(points: &[String]) -> Result<(), Problem> {
+    if points.len() > PATTERNS_MAX || !points.iter().all(|pattern| is_selector(pattern)) {
         return Err(Problem::new(codes::BAD_POINTS).with("most", PATTERNS_MAX));
     }
     Ok(())

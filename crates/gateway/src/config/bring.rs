@@ -9,6 +9,7 @@ use super::rules;
 use crate::northbound;
 use railbus_api::problem::{Problem, codes};
 use railbus_site::Config;
+use railbus_site::config::Allowed;
 
 /// Whether a whole text may replace the present one.
 pub(super) fn may_bring(order: &Order, before: &str, text: &str) -> Result<(), Problem> {
@@ -53,7 +54,7 @@ pub(super) fn may_lead(order: &Order, before: &str, text: &str) -> Result<(), Pr
     };
     let old = known(order, before);
     if old.allowed != new.allowed {
-        return Err(Problem::new(codes::OWNER_ONLY).with("reason", "[ports] [webhooks]"));
+        return Err(Problem::new(codes::OWNER_ONLY).with("reason", Allowed::TABLES));
     }
     let at_start = order.site.desk.ports_at_start();
     let is_known = |port: &String| {

@@ -2,6 +2,7 @@
 //! way: text, edit, check, write, reload.
 
 use crate::access::Caller;
+use crate::northbound;
 use railbus_api::problem::{Problem, codes};
 use railbus_app::api::failures::{self, bad_config};
 use railbus_app::config_file;
@@ -148,6 +149,7 @@ impl Desk {
         let name = self.file().display().to_string();
         let new = Config::parse(&text);
         let new = new.map_err(|problems| bad_config(asks.lang, &name, &problems))?;
+        northbound::check(asks.lang, &name, &text, &new)?;
         let old = asks.service.config();
         let is_other = text != before;
         let (desk, service) = (Arc::clone(self), asks.service.clone());
@@ -179,6 +181,9 @@ impl Desk {
     pub(crate) async fn reload(&self, service: &Service, lang: Lang) -> Result<Changed, Problem> {
         let _turn = self.turn().await;
         let text = config_file::text_of(self.file())?;
+        if let Ok(new) = Config::parse(&text) {
+            northbound::check(lang, &self.file().display().to_string(), &text, &new)?;
+        }
         let old = service.config();
         let written = async { Ok(()) };
         let changed = self.bring_into_force(service, lang, &text, written);

@@ -224,7 +224,7 @@ fn problem(kind: &'static str, name: &str, why: Refused) -> Problem {
             "group" => codes::NO_SUCH_GROUP,
             "scene" => codes::NO_SUCH_SCENE,
             "rule" => codes::NO_SUCH_RULE,
-            table => northbound::of_table(table).map_or(codes::NO_SUCH_PAGE, |kind| kind.missing),
+            table => northbound::missing_in(table).unwrap_or(codes::NO_SUCH_PAGE),
         }),
         Refused::Taken => return taken(kind, name),
         Refused::Text => Problem::new(codes::NOT_EDITABLE),

@@ -1,17 +1,165 @@
-//! What a kind of outlet is: its table of the configuration, its routes, and its functions.
+//! What a kind of outlet is: its name, its settings as data, and its functions.
 
+use super::outlet::Outlet;
 use crate::route::Route;
-use railbus_api::problem::{Kind as ProblemKind, Problem};
-use railbus_site::Config;
+use railbus_api::problem::{Kind as ProblemKind, Problem, codes};
+use railbus_site::config::change::Keys;
+use railbus_site::{Config, Events};
+use std::pin::Pin;
+
+/// A text in English and in Simplified Chinese.
+pub(crate) type Pair = [&'static str; 2];
+
+/// The work of an outlet, on its own thread.
+pub(crate) type Work<T> = Pin<Box<dyn Future<Output = T>>>;
+
+/// The table of the configuration in which outlets stand by name, each with its `type`. Only what
+/// is older than it has a table of its own.
+pub(crate) const TABLE: &str = "outlet";
+
+/// The key of every outlet that says whether it runs; it does if it is left out.
+pub(crate) const ENABLED: &str = "enabled";
 
 /// A kind of outlet.
 pub(crate) struct OutletKind {
-    /// The table of the configuration in which its outlets stand by name.
+    /// As the configuration and the API have it: `a-z`, `0-9` and `_`.
+    pub(crate) name: &'static str,
+    /// What it is called.
+    pub(crate) title: Pair,
+    /// What it is for, in a sentence or two.
+    pub(crate) about: Pair,
+    /// What is to be known at the other side, a paragraph each.
+    pub(crate) notes: &'static [Pair],
+    /// Its settings, in the order of the form.
+    pub(crate) fields: &'static [Field],
+    /// Does its work until it is to stop, or until it can't go on; then it is started again after
+    /// a while. It gets what happens at the site, from before it was started.
+    pub(crate) run: fn(Outlet, Events) -> Work<Result<(), Problem>>,
+    /// Tries once whether it works, and says what the other side answered.
+    pub(crate) test: fn(Outlet) -> Work<Result<String, Problem>>,
+    /// What becomes of a running outlet when its settings change.
+    pub(crate) on_change: OnChange,
+    /// The table of the configuration in which its outlets stand: [`TABLE`].
     pub(crate) table: &'static str,
+    /// Its outlets in a configuration, and their settings.
+    pub(crate) outlets: fn(&OutletKind, &Config) -> Vec<(String, Keys)>,
+    /// How the codes of events about its outlets begin: `outlet` of `outlet_fails`.
+    pub(crate) events: &'static str,
     /// The problem where there is no outlet of a name.
     pub(crate) missing: ProblemKind,
     /// Refuses destinations that only the owner of the daemon may add.
     pub(crate) may_lead: fn(old: &Config, new: &Config) -> Result<(), Problem>,
     /// Routes of its own, besides those of all outlets.
     pub(crate) routes: &'static [Route],
+}
+
+impl std::fmt::Debug for OutletKind {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.name)
+    }
+}
+
+/// What becomes of a running outlet when its settings change.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum OnChange {
+    /// It is stopped, and started with the new ones.
+    Restart,
+    /// It takes them over while it runs ([`Outlet::settings`]), and loses nothing that waits.
+    HandOver,
+}
+
+/// A setting of an outlet.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Field {
+    /// Its key in the configuration.
+    pub(crate) key: &'static str,
+    /// What it is called.
+    pub(crate) title: Pair,
+    /// What is to be known of it; empty where the title says it all.
+    pub(crate) hint: Pair,
+    /// What it can be.
+    pub(crate) shape: Shape,
+    /// It must be there.
+    pub(crate) is_required: bool,
+}
+
+/// What a setting can be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(
+    not(test),
+    expect(dead_code, reason = "the kind of the tests has all of them")
+)]
+pub(crate) enum Shape {
+    /// A text of 1 to so many bytes.
+    Text(usize),
+    /// An address with `http` or `https`, of so many bytes at most.
+    Url(usize),
+    /// Whether or not; not, where it is left out.
+    Flag,
+    /// A whole number from the first to the second; the third where it is left out.
+    Number(i64, i64, i64),
+    /// One of these words; the first where it is left out.
+    Choice(&'static [(&'static str, Pair)]),
+    /// Some of these words; empty for all of them.
+    Choices(&'static [(&'static str, Pair)]),
+    /// Names of lines of the site; empty for all of them.
+    Lines,
+    /// Names of modules of the site; empty for all of them.
+    Modules,
+    /// Selectors of points, such as `oven.*`.
+    Points,
+    /// A text of these lengths in bytes that is kept in the state folder, not in the
+    /// configuration, and never shown.
+    Secret(usize, usize),
+}
+
+impl OutletKind {
+    /// A kind whose outlets stand in the table `[outlet.NAME]` and are restarted when their
+    /// settings change.
+    pub(crate) const fn new(
+        name: &'static str,
+        (title, about): (Pair, Pair),
+        fields: &'static [Field],
+        run: fn(Outlet, Events) -> Work<Result<(), Problem>>,
+        test: fn(Outlet) -> Work<Result<String, Problem>>,
+    ) -> OutletKind {
+        OutletKind {
+            name,
+            title,
+            about,
+            notes: &[],
+            fields,
+            run,
+            test,
+            on_change: OnChange::Restart,
+            table: TABLE,
+            outlets: of_its_type,
+            events: TABLE,
+            missing: codes::NO_SUCH_OUTLET,
+            may_lead: |_, _| Ok(()),
+            routes: &[],
+        }
+    }
+
+    /// The code of an event about one of its outlets, by its last word: `fails`, `works`,
+    /// `secret_changed`, `secrets_lost`.
+    pub(crate) fn event(&self, what: &str) -> String {
+        format!("{}_{what}", self.events)
+    }
+
+    /// The lengths that its secret may have in bytes; none if it has no secret.
+    pub(crate) fn secret(&self) -> Option<(usize, usize)> {
+        self.fields.iter().find_map(|field| match field.shape {
+            Shape::Secret(least, most) => Some((least, most)),
+            _ => None,
+        })
+    }
+}
+
+/// The tables `[outlet.NAME]` of this type.
+fn of_its_type(kind: &OutletKind, config: &Config) -> Vec<(String, Keys)> {
+    let all = config.outlets.iter();
+    let its = all.filter(|(_, outlet)| outlet.kind == kind.name);
+    its.map(|(name, outlet)| (name.clone(), outlet.settings.clone()))
+        .collect()
 }

@@ -99,7 +99,8 @@ pub(super) fn run_path(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> 
 
 fn read(context: &Context) -> Result<Found, Failure> {
     let (path, _) = context.config()?;
-    config_file::read(context.lang, Some(&path)).map_err(|problem| context.failure(&problem))
+    let found = railbus_gateway::read_config(context.lang, Some(&path));
+    found.map_err(|problem| context.failure(&problem))
 }
 
 /// The load of each line, for programs.

@@ -309,6 +309,11 @@ codes! {
             "仿真开始后才改名或添加"],
         next: ["use a module listed by the simulator", "使用仿真器中列出的模块"],
     }
+    NoOutlet = "E0864" {
+        title: ["there is no such integration", "没有此集成"],
+        likely: ["a typing mistake · wrong configuration file", "输入错误 · 使用了别的配置"],
+        next: ["list the integrations: GET /api/v1/outlets", "查看集成列表：GET /api/v1/outlets"],
+    }
     ConfigOutput = "E0865" {
         title: ["this key or list of the configuration is for outputs only", "配置的该项仅适用于输出"],
         likely: ["an input or analog value is named", "指定的是输入点或模拟量"],
@@ -367,6 +372,12 @@ codes! {
         likely: ["the scale of the point was changed", "点位的量程已更改"],
         next: ["write the limit in the unit of the point", "按点位的单位填写限值"],
     }
+    OutletEnded = "E0875" {
+        title: ["the integration stopped unexpectedly", "集成意外停止"],
+        likely: ["an error in this program", "程序自身出错"],
+        next: ["it is restarted after a while; if this repeats, report it with the daemon's log",
+            "稍后会自动重启；若反复出现，请附上守护进程日志报告"],
+    }
     ConfigUrl = "E0876" {
         title: ["not a valid receiver address", "配置中的该项不是接收方地址"],
         likely: ["not http or https · contains a name and password",
@@ -389,6 +400,13 @@ codes! {
         likely: ["disk full · no write permission for the state folder",
             "磁盘已满 · 状态文件夹无写权限"],
         next: ["free disk space, or correct the permissions", "腾出空间或修正权限"],
+    }
+    OutletStuck = "E0880" {
+        title: ["the integration does not stop or answer", "集成未停止或无响应"],
+        likely: ["the other side holds the connection · an error in this program",
+            "对方占用连接 · 程序自身出错"],
+        next: ["check the other side; if this repeats, restart the daemon",
+            "检查对方；若反复出现，请重启守护进程"],
     }
     SettingsChanged = "E0881" {
         title: ["nothing written: the module's settings differ from those shown",

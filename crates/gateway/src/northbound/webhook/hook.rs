@@ -1,12 +1,11 @@
-//! One webhook at work: what waits for it, what is tried again and when, and what came of it.
+//! One webhook at work: what waits for it, and what is tried again and when.
 
 use super::request::Failed;
-use jiff::Timestamp;
-use railbus_api::webhooks::WebhookError;
-use railbus_site::config::Webhook;
-use railbus_store::history::{Event, EventKind, Severity};
-use railbus_words::time::rfc3339;
+use crate::northbound::supervisor::OutletCounts;
+use railbus_api::problem::Problem;
+use railbus_store::history::Event;
 use std::collections::VecDeque;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::sync::Notify;
@@ -19,15 +18,15 @@ const TRIES_MAX: u32 = 10;
 /// The longest wait between two tries, and the longest time of all of them.
 const WAIT_MAX: Duration = Duration::from_secs(300);
 const AGE_MAX: Duration = Duration::from_secs(3_600);
-/// After so many tries that failed in a row, it is told as an event.
-const TOLD_AFTER: u32 = 3;
-/// What is told of a webhook itself. No webhook is told of it: it would never end.
-const FAILS: &str = "webhook_fails";
-const WORKS: &str = "webhook_works";
+/// Events about webhooks themselves. They are not sent by webhooks: it would never end.
+const OWN: [&str; 2] = ["webhook_fails", "webhook_works"];
 
 /// Whether an event is about webhooks themselves.
 pub(super) fn is_own(event: &Event) -> bool {
-    matches!(event.code.as_deref(), Some(FAILS | WORKS))
+    event
+        .code
+        .as_deref()
+        .is_some_and(|code| OWN.contains(&code))
 }
 
 /// After which time an event is tried again that was tried so often, the first time so long ago.
@@ -44,53 +43,47 @@ fn again(failed: &Failed, tries: u32, passed: Duration) -> Option<Duration> {
     (tries < TRIES_MAX && passed + wait <= AGE_MAX).then_some(wait)
 }
 
-/// What came of everything so far.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Figures {
-    /// Events that were taken.
-    pub(super) delivered: u64,
-    /// Events that the receiver refused for good.
-    pub(super) refused: u64,
-    /// Events that were tried as often as they may be.
-    pub(super) given_up: u64,
-    /// Events that were never tried, or not to the end, because too many waited.
-    pub(super) dropped: u64,
-    pub(super) last: Option<Timestamp>,
-    pub(super) error: Option<WebhookError>,
-    /// How many tries in a row have failed.
-    pub(super) in_a_row: u32,
+/// What came of a try.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Tried {
+    Delivered,
+    /// Why not, how often the event was tried, and when it is tried again, if at all.
+    Failed(Problem, u32, Option<Duration>),
 }
 
 /// A webhook.
-pub(super) struct Hook {
-    name: String,
+pub(super) struct Hook<'c> {
     now: Mutex<Now>,
+    counts: &'c OutletCounts,
     /// Something waits.
     news: Notify,
-    /// It was configured anew.
+    /// It has another address.
     changed: Notify,
 }
 
 struct Now {
-    wish: Webhook,
+    url: String,
     queue: VecDeque<Arc<Event>>,
     /// One event is on its way.
     is_trying: bool,
-    is_told: bool,
-    figures: Figures,
+    /// The last try failed.
+    is_failing: bool,
 }
 
-impl Hook {
-    pub(super) fn new(name: &str, wish: Webhook) -> Hook {
+fn more(count: &AtomicU64, by: u64) {
+    count.fetch_add(by, Relaxed);
+}
+
+impl Hook<'_> {
+    pub(super) fn new<'c>(url: &str, counts: &'c OutletCounts) -> Hook<'c> {
         Hook {
-            name: name.to_owned(),
             now: Mutex::new(Now {
-                wish,
+                url: url.to_owned(),
                 queue: VecDeque::new(),
                 is_trying: false,
-                is_told: false,
-                figures: Figures::default(),
+                is_failing: false,
             }),
+            counts,
             news: Notify::new(),
             changed: Notify::new(),
         }
@@ -100,42 +93,40 @@ impl Hook {
         self.now.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Is configured so from now on. What waits for a try is tried at once.
-    pub(super) fn set(&self, wish: Webhook) {
-        let mut now = self.now();
-        if now.wish == wish {
-            return;
-        }
-        if !wish.enabled {
-            now.queue.clear();
-        }
-        now.wish = wish;
-        drop(now);
+    /// Counts what waits.
+    fn count(&self, now: &Now) {
+        let waiting = now.queue.len() + usize::from(now.is_trying);
+        self.counts.queue.store(waiting, Relaxed);
+    }
+
+    /// Was configured anew. What waits for a try is tried at once.
+    pub(super) fn set(&self, url: &str) {
+        url.clone_into(&mut self.now().url);
         self.changed.notify_waiters();
     }
 
-    /// Has one more event to tell.
+    /// Has one more event to send.
     pub(super) fn push(&self, event: Arc<Event>) {
         let mut now = self.now();
         if now.queue.len() >= QUEUE_MAX {
             now.queue.pop_front();
-            now.figures.dropped += 1;
+            more(&self.counts.dropped, 1);
         }
         now.queue.push_back(event);
+        self.count(&now);
         drop(now);
         self.news.notify_one();
     }
 
     /// So many events were missed before it was known whether they are for it.
     pub(super) fn missed(&self, count: u64) {
-        self.now().figures.dropped += count;
+        more(&self.counts.dropped, count);
     }
 
-    /// What came of everything, and how many events wait.
-    pub(super) fn figures(&self) -> (Figures, usize) {
+    /// Whether anything waits that is likely to be delivered.
+    pub(super) fn delivers(&self) -> bool {
         let now = self.now();
-        let waiting = now.queue.len() + usize::from(now.is_trying);
-        (now.figures.clone(), waiting)
+        (now.is_trying || !now.queue.is_empty()) && !now.is_failing
     }
 
     /// The next event, as soon as there is one.
@@ -143,9 +134,10 @@ impl Hook {
         loop {
             {
                 let mut now = self.now();
-                now.is_trying = false;
-                if let Some(event) = now.queue.pop_front() {
-                    now.is_trying = true;
+                let event = now.queue.pop_front();
+                now.is_trying = event.is_some();
+                self.count(&now);
+                if let Some(event) = event {
                     return event;
                 }
             }
@@ -153,30 +145,26 @@ impl Hook {
         }
     }
 
-    /// The address, where anything is to be sent at all.
-    fn url(&self) -> Option<String> {
-        let now = self.now();
-        now.wish.enabled.then(|| now.wish.url.clone())
-    }
-
-    /// Delivers one event after the other, for ever. What is to be told as an event of the site
-    /// goes to `tell`.
-    pub(super) async fn work<F>(
-        self: Arc<Hook>,
-        send: impl Fn(String, Arc<Event>) -> F,
-        tell: impl Fn(Event),
-    ) where
-        F: Future<Output = Result<u16, Failed>>,
-    {
+    /// Delivers one event after the other, for ever. What came of each try goes to `tell`.
+    pub(super) async fn work(
+        &self,
+        send: impl AsyncFn(String, Arc<Event>) -> Result<u16, Failed>,
+        tell: impl Fn(Tried),
+    ) {
         loop {
             let event = self.next().await;
             let begun = Instant::now();
             let mut tries = 0;
-            while let Some(url) = self.url() {
+            loop {
                 tries += 1;
+                let url = self.now().url.clone();
                 let end = send(url, Arc::clone(&event)).await;
-                let (wait, news) = self.note(end, tries, begun.elapsed());
-                news.into_iter().for_each(&tell);
+                let tried = self.note(end, tries, begun.elapsed());
+                let wait = match &tried {
+                    Tried::Failed(_, _, wait) => *wait,
+                    Tried::Delivered => None,
+                };
+                tell(tried);
                 let Some(wait) = wait else {
                     break;
                 };
@@ -188,45 +176,20 @@ impl Hook {
         }
     }
 
-    /// Notes what came of a try: when the next one is, and what is to be told.
-    fn note(
-        &self,
-        end: Result<u16, Failed>,
-        tries: u32,
-        passed: Duration,
-    ) -> (Option<Duration>, Option<Event>) {
-        let mut now = self.now();
+    /// Counts what came of a try.
+    fn note(&self, end: Result<u16, Failed>, tries: u32, passed: Duration) -> Tried {
+        self.now().is_failing = end.is_err();
         let Err(failed) = end else {
-            now.figures.delivered += 1;
-            now.figures.last = Some(Timestamp::now());
-            now.figures.in_a_row = 0;
-            let was_told = std::mem::replace(&mut now.is_told, false);
-            return (None, was_told.then(|| self.event(Severity::Info, WORKS)));
+            more(&self.counts.sent, 1);
+            return Tried::Delivered;
         };
         let wait = again(&failed, tries, passed);
-        let problem = failed.problem();
-        let code = problem.code.clone();
-        let figures = &mut now.figures;
-        figures.in_a_row = figures.in_a_row.saturating_add(1);
-        figures.error = Some(WebhookError {
-            at: rfc3339(Timestamp::now()),
-            tries,
-            problem,
-        });
         match (wait, &failed) {
             (Some(_), _) => {}
-            (None, Failed::Refused(status, _)) if *status < 500 => figures.refused += 1,
-            (None, _) => figures.given_up += 1,
+            (None, Failed::Refused(status, _)) if *status < 500 => more(&self.counts.refused, 1),
+            (None, _) => more(&self.counts.given_up, 1),
         }
-        let is_news = wait.is_none() || figures.in_a_row >= TOLD_AFTER;
-        let was_told = now.is_told;
-        now.is_told |= is_news;
-        let event = (is_news && !was_told).then(|| self.event(Severity::Warning, FAILS).text(code));
-        (wait, event)
-    }
-
-    fn event(&self, severity: Severity, code: &str) -> Event {
-        Event::new(EventKind::System, severity, code).what(&self.name)
+        Tried::Failed(failed.problem(), tries, wait)
     }
 }
 

@@ -1,257 +1,134 @@
-//! Webhooks: who is told of events over HTTP, in the order in which they happened. All of them
-//! work on a thread of their own, so that no handshake of TLS holds up a line, and each has a
-//! queue of its own, so that none holds up another.
+//! Webhooks: events sent over HTTP, in the order in which they happened.
 
 mod hook;
 mod request;
 mod routes;
 mod schema;
-mod secrets;
 mod target;
 
 pub(super) use schema::KIND;
 
-use hook::Hook;
+use super::kind::Work;
+use super::outlet::Outlet;
+use crate::access::secret::{hex, random};
+use hook::{Hook, Tried};
 use hyper::body::Bytes;
+use railbus_api::problem::{Problem, codes};
 use railbus_api::types::SCHEMA;
 use railbus_app::api::past;
-use railbus_site::{Config, Events, Service};
+use railbus_site::Events;
 use railbus_store::history::{Event, EventKind, Severity};
 use request::{Carrier, Failed, Parcel};
-use secrets::Secrets;
 use serde_json::json;
-use std::collections::BTreeMap;
-use std::path::Path;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
-use tokio::runtime::{Builder, Handle};
-use tokio::sync::watch;
-use tokio::task::AbortHandle;
 
 /// At the end, what waits has this time to be delivered.
 const LINGER: Duration = Duration::from_millis(500);
 /// How often it is looked whether anything waits then.
 const LOOK_EVERY: Duration = Duration::from_millis(20);
 
-/// The end of the webhooks: wished for, and reached.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Phase {
-    Open,
-    Closing,
-    Closed,
+/// The result of a test: the number of its event, and the status received.
+type Tested = (String, Result<u16, Failed>);
+
+/// Sends events until it is to stop; then what waits is delivered if that can be done at once.
+fn work(outlet: Outlet, events: Events) -> Work<Result<(), Problem>> {
+    Box::pin(async move {
+        let report = &outlet.report;
+        let carrier = Carrier::new(request::LIMIT);
+        let hook = Hook::new(&url(&outlet), report.counts());
+        let send = async |url: String, event: Arc<Event>| {
+            carrier.carry(&parcel(&outlet, url, &event)).await
+        };
+        let tell = |tried| match tried {
+            Tried::Delivered => report.worked(),
+            Tried::Failed(problem, tries, wait) => report.failed(problem, tries, wait),
+        };
+        report.ready();
+        let follow = async {
+            follow(&outlet, events, &hook, &carrier).await;
+            let _ = tokio::time::timeout(LINGER, emptied(&hook)).await;
+        };
+        tokio::select! {
+            () = hook.work(send, tell) => {}
+            () = follow => {}
+        }
+        Ok(())
+    })
 }
 
-/// A webhook, what became of the events for it, and how many wait.
-#[derive(Debug)]
-pub(crate) struct HookFigures {
-    pub(crate) name: String,
-    pub(crate) results: [(&'static str, u64); 4],
-    pub(crate) queue: usize,
+/// Where its events go; empty once it is not configured any more.
+fn url(outlet: &Outlet) -> String {
+    let hook = outlet.service.config().webhooks.get(&outlet.name).cloned();
+    hook.map(|hook| hook.url).unwrap_or_default()
 }
 
-/// The webhooks of a site.
-pub(crate) struct Hooks {
-    /// What the site is called.
-    site: String,
-    carrier: Carrier,
-    secrets: Secrets,
-    hooks: Mutex<BTreeMap<String, (Arc<Hook>, AbortHandle)>>,
-    phase: watch::Sender<Phase>,
-    /// Where they work.
-    thread: Handle,
+/// Gives it every event that is for it, until it is to stop.
+async fn follow(outlet: &Outlet, mut events: Events, hook: &Hook<'_>, carrier: &Carrier) {
+    let mut settings = outlet.settings.clone();
+    loop {
+        tokio::select! {
+            biased;
+            // Fails if the supervisor is gone.
+            Ok(()) = settings.changed() => {
+                carrier.trust_anew();
+                hook.set(&url(outlet));
+            }
+            event = events.next() => match event {
+                Some(Ok(event)) => take(outlet, hook, event),
+                Some(Err(count)) => hook.missed(count),
+                None => return,
+            },
+            () = outlet.stopped() => return,
+        }
+    }
 }
 
-impl std::fmt::Debug for Hooks {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Hooks")
-            .field("site", &self.site)
-            .finish_non_exhaustive()
+fn take(outlet: &Outlet, hook: &Hook<'_>, event: Event) {
+    let config = outlet.service.config();
+    let wish = config.webhooks.get(&outlet.name);
+    if !hook::is_own(&event) && wish.is_some_and(|wish| config.tells(wish, &event)) {
+        hook.push(Arc::new(event));
     }
 }
 
-impl Hooks {
-    /// Begins to tell of these events. `changes` says when the configuration is another one.
-    ///
-    /// # Errors
-    /// What the system says where it has no thread left.
-    pub(crate) fn start(
-        site: String,
-        state: &Path,
-        service: Service,
-        events: Events,
-        changes: watch::Receiver<u64>,
-    ) -> std::io::Result<Arc<Hooks>> {
-        let runtime = Builder::new_current_thread().enable_all().build()?;
-        let (secrets, why) = Secrets::open(state);
-        if let Some(why) = why {
-            let event = Event::new(EventKind::System, Severity::Error, "webhook_secrets_lost");
-            service.tell_event(event.text(why.code));
-        }
-        let hooks = Arc::new(Hooks {
-            site,
-            carrier: Carrier::new(request::LIMIT),
-            secrets,
-            hooks: Mutex::default(),
-            phase: watch::Sender::new(Phase::Open),
-            thread: runtime.handle().clone(),
-        });
-        let follower = Arc::clone(&hooks);
-        let thread = std::thread::Builder::new().name("webhooks".to_owned());
-        thread.spawn(move || runtime.block_on(follower.follow(service, events, changes)))?;
-        Ok(hooks)
+/// Waits until everything is delivered that does not fail.
+async fn emptied(hook: &Hook<'_>) {
+    while hook.delivers() {
+        tokio::time::sleep(LOOK_EVERY).await;
     }
+}
 
-    fn all(&self) -> MutexGuard<'_, BTreeMap<String, (Arc<Hook>, AbortHandle)>> {
-        self.hooks.lock().unwrap_or_else(PoisonError::into_inner)
+/// An event on its way to this address, and beyond it only where the owner allows.
+fn parcel(outlet: &Outlet, url: String, event: &Event) -> Parcel {
+    let told = past::of_event(event.clone());
+    let body = json!({ "schema": SCHEMA, "site": *outlet.site, "event": told });
+    Parcel {
+        url,
+        allowed: outlet.service.config().allowed.webhooks.clone(),
+        id: event.id.clone(),
+        body: Bytes::from(body.to_string()),
+        secret: outlet.secret(),
     }
+}
 
-    /// A webhook that has been at work.
-    fn find(&self, name: &str) -> Option<Arc<Hook>> {
-        self.all().get(name).map(|(hook, _)| Arc::clone(hook))
-    }
+/// Sends an event past the queue, once. It is in the name of who asks for it.
+async fn tried(outlet: &Outlet) -> Result<Tested, Problem> {
+    let internal = |reason: String| Problem::new(codes::INTERNAL).with("reason", reason);
+    let number = random::<8>().map_err(|error| internal(error.to_string()))?;
+    let event = Event {
+        id: format!("test-{}", hex(&number)),
+        ..Event::new(EventKind::System, Severity::Info, "webhook_test").by(outlet.service.origin())
+    };
+    let carrier = Carrier::new(request::LIMIT);
+    let end = carrier.carry(&parcel(outlet, url(outlet), &event)).await;
+    Ok((event.id, end))
+}
 
-    /// Gives every event to whom it is for, until the end.
-    async fn follow(
-        self: Arc<Self>,
-        service: Service,
-        mut events: Events,
-        mut changes: watch::Receiver<u64>,
-    ) {
-        let mut phase = self.phase.subscribe();
-        let mut config = self.configure(&service);
-        loop {
-            tokio::select! {
-                biased;
-                // Fails where nobody can change it any more.
-                Ok(()) = changes.changed() => config = self.configure(&service),
-                event = events.next() => match event {
-                    Some(event) => self.take(&config, event),
-                    None => break,
-                },
-                _ = phase.wait_for(|phase| *phase != Phase::Open) => break,
-            }
-        }
-        let _ = tokio::time::timeout(LINGER, self.emptied()).await;
-        self.phase.send_replace(Phase::Closed);
-    }
-
-    fn take(&self, config: &Config, event: Result<Event, u64>) {
-        let event = match event {
-            Ok(event) if hook::is_own(&event) => return,
-            Ok(event) => Arc::new(event),
-            Err(count) => {
-                return self.all().values().for_each(|(hook, _)| hook.missed(count));
-            }
-        };
-        for (name, wish) in &config.webhooks {
-            if config.tells(wish, &event)
-                && let Some(hook) = self.find(name)
-            {
-                hook.push(Arc::clone(&event));
-            }
-        }
-    }
-
-    /// Has the webhooks of the configuration, and no others, at work.
-    fn configure(self: &Arc<Self>, service: &Service) -> Arc<Config> {
-        let config = service.config();
-        self.carrier.trust_anew();
-        let mut all = self.all();
-        all.retain(|name, (_, task)| {
-            let stays = config.webhooks.contains_key(name);
-            if !stays {
-                task.abort();
-            }
-            stays
-        });
-        for (name, wish) in &config.webhooks {
-            match all.get(name) {
-                Some((hook, _)) => hook.set(wish.clone()),
-                None => {
-                    let hook = Arc::new(Hook::new(name, wish.clone()));
-                    let task = self.work(name.clone(), Arc::clone(&hook), service.clone());
-                    all.insert(name.clone(), (hook, task));
-                }
-            }
-        }
-        config
-    }
-
-    /// Puts a webhook to work.
-    fn work(self: &Arc<Self>, name: String, hook: Arc<Hook>, service: Service) -> AbortHandle {
-        let hooks = Arc::clone(self);
-        let tell = {
-            let service = service.clone();
-            move |event| service.tell_event(event)
-        };
-        let send = move |url, event: Arc<Event>| {
-            let (hooks, name) = (Arc::clone(&hooks), name.clone());
-            let allowed = service.config().allowed.webhooks.clone();
-            async move { hooks.send((url, allowed), &name, &event).await }
-        };
-        self.thread.spawn(hook.work(send, tell)).abort_handle()
-    }
-
-    /// Sends an event once, to an address and beyond it only where the owner allows.
-    async fn send(
-        &self,
-        (url, allowed): (String, Vec<String>),
-        webhook: &str,
-        event: &Event,
-    ) -> Result<u16, Failed> {
-        let told = past::of_event(event.clone());
-        let body = json!({ "schema": SCHEMA, "site": self.site, "event": told });
-        let parcel = Parcel {
-            url,
-            allowed,
-            id: event.id.clone(),
-            body: Bytes::from(body.to_string()),
-            secret: self.secrets.of(webhook),
-        };
-        self.carrier.carry(&parcel).await
-    }
-
-    /// Waits until everything is delivered that does not fail.
-    async fn emptied(&self) {
-        let waits = |(hook, _): &(Arc<Hook>, AbortHandle)| {
-            let (figures, waiting) = hook.figures();
-            waiting > 0 && figures.in_a_row == 0
-        };
-        while self.all().values().any(waits) {
-            tokio::time::sleep(LOOK_EVERY).await;
-        }
-    }
-
-    /// Ends them: what happened so far is told where that can be done at once.
-    pub(crate) async fn close(&self) {
-        let mut phase = self.phase.subscribe();
-        self.phase.send_if_modified(|phase| {
-            let is_open = *phase == Phase::Open;
-            if is_open {
-                *phase = Phase::Closing;
-            }
-            is_open
-        });
-        let closed = phase.wait_for(|phase| *phase == Phase::Closed);
-        let _ = tokio::time::timeout(LINGER * 2, closed).await;
-    }
-
-    /// For `/metrics`.
-    pub(crate) fn figures(&self) -> Vec<HookFigures> {
-        let all = self.all();
-        let each = all.iter().map(|(name, (hook, _))| {
-            let (figures, queue) = hook.figures();
-            HookFigures {
-                name: name.clone(),
-                results: [
-                    ("ok", figures.delivered),
-                    ("refused", figures.refused),
-                    ("given_up", figures.given_up),
-                    ("dropped", figures.dropped),
-                ],
-                queue,
-            }
-        });
-        each.collect()
-    }
+fn test(outlet: Outlet) -> Work<Result<String, Problem>> {
+    Box::pin(async move {
+        let (_, end) = tried(&outlet).await?;
+        let status = end.map_err(|failed| failed.problem())?;
+        Ok(format!("HTTP {status}"))
+    })
 }

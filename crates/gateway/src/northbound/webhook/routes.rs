@@ -1,26 +1,28 @@
-//! Webhooks over the API: what there is, how it does, and what comes back from a receiver.
+//! Webhooks over the API as they were before there were other outlets: what there is, how it does,
+//! and what comes back from a receiver.
 
-use super::hook::Hook;
-use super::request::Failed;
+use super::{KIND, Tested, tried};
 use crate::access::Need;
-use crate::access::secret::{Secret, hex, random};
+use crate::answer;
 use crate::config::{edit, edits, keys};
 use crate::doc::Doc;
+use crate::northbound::kind::Work;
+use crate::northbound::outlet::Outlet;
+use crate::northbound::routes::{in_words, removed, secret_of};
+use crate::northbound::supervisor::{OutletId, Supervised};
 use crate::order::Order;
 use crate::route::{Answer, Route};
 use crate::site::Site;
-use crate::{answer, language, localize};
 use axum::extract::{Path, State};
 use axum::http::HeaderMap;
 use axum::routing::{delete, get, post, put};
-use railbus_api::problem::{Problem, codes};
+use railbus_api::problem::Problem;
 use railbus_api::types::SCHEMA;
-use railbus_api::webhooks::{WebhookInfo, WebhookList, WebhookTest, WebhookText};
+use railbus_api::webhooks::{WebhookError, WebhookInfo, WebhookList, WebhookTest, WebhookText};
 use railbus_site::config::Webhook;
-use railbus_store::history::{Event, EventKind, Severity};
 use railbus_words::time::rfc3339;
 use serde::{Deserialize, Serialize};
-use std::sync::Arc;
+use std::sync::atomic::Ordering::Relaxed;
 use std::time::Instant;
 use utoipa::ToSchema;
 
@@ -50,16 +52,16 @@ pub(super) const ROUTES: &[Route] = &[
 ];
 
 /// The lengths that a secret may have, in bytes.
-const SECRET_MIN: usize = 16;
-const SECRET_MAX: usize = 256;
+pub(super) const SECRET_MIN: usize = 16;
+pub(super) const SECRET_MAX: usize = 256;
 
-/// A secret for a webhook; null for none.
+/// A secret for a webhook; null for none. It is read as that of any outlet.
 #[derive(Deserialize, ToSchema)]
 #[schema(as = WebhookSecretRequest)]
 #[serde(deny_unknown_fields)]
+#[expect(dead_code, reason = "it describes the body in the document of the API")]
 struct SecretRequest {
-    #[schema(value_type = Option<String>)]
-    secret: Option<Secret>,
+    secret: Option<String>,
 }
 
 /// Whether a webhook has a secret now. Which one, is not told.
@@ -68,6 +70,13 @@ struct SecretRequest {
 struct SecretTold {
     webhook: String,
     secret: bool,
+}
+
+fn id(name: &str) -> OutletId {
+    OutletId {
+        kind: KIND.name,
+        name: name.to_owned(),
+    }
 }
 
 async fn list(State(site): State<Site>, headers: HeaderMap) -> Answer {
@@ -81,21 +90,7 @@ async fn list(State(site): State<Site>, headers: HeaderMap) -> Answer {
 }
 
 fn about(site: &Site, headers: &HeaderMap, name: &str, wish: &Webhook) -> WebhookInfo {
-    let at_work = site.hooks.find(name);
-    let (figures, queue) = at_work
-        .map(|hook: Arc<Hook>| hook.figures())
-        .unwrap_or_default();
-    let error = figures.error.map(|mut error| {
-        error.problem = in_words(site, headers, error.problem);
-        error
-    });
-    let state = match (wish.enabled, figures.in_a_row, figures.last) {
-        (false, ..) => "off",
-        (_, 1.., _) => "failing",
-        (_, 0, Some(_)) => "ok",
-        (_, 0, None) => "idle",
-    };
-    WebhookInfo {
+    let mut about = WebhookInfo {
         webhook: name.to_owned(),
         url: wish.url.clone(),
         events: wish
@@ -107,113 +102,87 @@ fn about(site: &Site, headers: &HeaderMap, name: &str, wish: &Webhook) -> Webhoo
         lines: wish.lines.iter().cloned().collect(),
         modules: wish.modules.iter().cloned().collect(),
         enabled: wish.enabled,
-        secret: site.hooks.secrets.of(name).is_some(),
-        state: state.to_owned(),
-        queue,
-        delivered: figures.delivered,
-        failed: figures.refused + figures.given_up,
-        dropped: figures.dropped,
-        last_delivery: figures.last.map(rfc3339),
-        last_error: error,
+        secret: site.northbound.has_secret(&KIND, name),
+        state: if wish.enabled { "idle" } else { "off" }.to_owned(),
+        queue: 0,
+        delivered: 0,
+        failed: 0,
+        dropped: 0,
+        last_delivery: None,
+        last_error: None,
+    };
+    let tell = |outlet: &Supervised| tell(&mut about, outlet);
+    site.northbound.look(&id(name), tell);
+    if let Some(error) = &mut about.last_error {
+        error.problem = in_words(site, headers, error.problem.clone());
     }
+    about
 }
 
-/// A problem within an answer, as it would be told alone.
-fn in_words(site: &Site, headers: &HeaderMap, problem: Problem) -> Problem {
-    localize::told(language::spoken(headers, site.lang), problem)
+/// How a webhook does, in the words of this list.
+fn tell(about: &mut WebhookInfo, outlet: &Supervised) {
+    let counts = outlet.counts();
+    about.queue = counts.queue.load(Relaxed);
+    about.delivered = counts.sent.load(Relaxed);
+    about.failed = counts.refused.load(Relaxed) + counts.given_up.load(Relaxed);
+    about.dropped = counts.dropped.load(Relaxed);
+    about.last_delivery = outlet.worked().map(rfc3339);
+    about.last_error = outlet.error().map(|error| WebhookError {
+        at: error.at.clone(),
+        tries: error.tries,
+        problem: error.problem.clone(),
+    });
+    let state = match (about.enabled, outlet.failures(), outlet.worked()) {
+        (false, ..) => "off",
+        (_, 1.., _) => "failing",
+        (_, 0, Some(_)) => "ok",
+        (_, 0, None) => "idle",
+    };
+    state.clone_into(&mut about.state);
 }
 
 async fn change(Path(webhook): Path<String>, order: Order) -> Answer {
-    let change = |text: &str| edits::put(text, "webhook", &webhook, &keys::<WebhookText>(&order)?);
+    let change = |text: &str| edits::put(text, KIND.table, &webhook, &keys::<WebhookText>(&order)?);
     edit(&order, change).await
 }
 
 async fn remove(Path(webhook): Path<String>, order: Order) -> Answer {
-    let answer = edit(&order, |text| edits::remove(text, "webhook", &webhook)).await;
-    if answer.status().is_success() && order.site.hooks.secrets.of(&webhook).is_some() {
-        // One that can't be forgotten is of no webhook any more.
-        let _ = keep(&order.site, &webhook, None).await;
-    }
-    answer
-}
-
-/// The webhook of this name.
-fn known(site: &Site, name: &str) -> Result<Webhook, Problem> {
-    let found = site.service.config().webhooks.get(name).cloned();
-    found.ok_or_else(|| Problem::new(codes::NO_SUCH_HOOK).with("name", name))
+    removed(&order, &KIND, &webhook).await
 }
 
 async fn set_secret(Path(webhook): Path<String>, order: Order) -> Answer {
-    answer::json(
-        secret_of(&order, &webhook)
-            .await
-            .map(|secret| SecretTold { webhook, secret }),
-    )
-}
-
-async fn secret_of(order: &Order, webhook: &str) -> Result<bool, Problem> {
-    known(&order.site, webhook)?;
-    let SecretRequest { secret } = order.read_secret()?;
-    let lengths = SECRET_MIN..=SECRET_MAX;
-    if secret
-        .as_ref()
-        .is_some_and(|secret| !lengths.contains(&secret.expose().len()))
-    {
-        let words = format!("secret: {SECRET_MIN} to {SECRET_MAX} bytes, or null");
-        return Err(Problem::new(codes::BAD_REQUEST).with("reason", words));
-    }
-    let is_set = secret.is_some();
-    keep(&order.site, webhook, secret).await?;
-    let event = Event::new(EventKind::Config, Severity::Info, "webhook_secret_changed");
-    let event = event.by(&order.who.origin()).what(webhook);
-    order.site.service.tell_event(event);
-    Ok(is_set)
-}
-
-/// Keeps a secret. Disks may be slow, and the lines are not to wait for them.
-async fn keep(site: &Site, webhook: &str, secret: Option<Secret>) -> Result<(), Problem> {
-    let (hooks, config) = (Arc::clone(&site.hooks), site.service.config());
-    let webhook = webhook.to_owned();
-    let kept = tokio::task::spawn_blocking(move || {
-        let is_one = |name: &str| config.webhooks.contains_key(name);
-        hooks.secrets.set(&webhook, secret, is_one)
-    });
-    kept.await
-        .map_err(|error| Problem::new(codes::INTERNAL).with("reason", error.to_string()))?
+    let end = secret_of(&order, &KIND, &webhook).await;
+    answer::json(end.map(|secret| SecretTold { webhook, secret }))
 }
 
 async fn test(Path(webhook): Path<String>, order: Order) -> Answer {
-    answer::json(tested(&order, webhook).await)
+    answer::json(tested(&order, &webhook).await)
 }
 
-/// Sends an event past the queue, once.
-async fn tested(order: &Order, webhook: String) -> Result<WebhookTest, Problem> {
-    let url = known(&order.site, &webhook)?.url;
-    let allowed = order.site.service.config().allowed.webhooks.clone();
-    let internal = |reason: String| Problem::new(codes::INTERNAL).with("reason", reason);
-    let number = random::<8>().map_err(|error| internal(error.to_string()))?;
-    let event = Event {
-        id: format!("test-{}", hex(&number)),
-        ..Event::new(EventKind::System, Severity::Info, "webhook_test").by(&order.who.origin())
-    };
-    let (hooks, id) = (Arc::clone(&order.site.hooks), event.id.clone());
+/// What a test does on its own thread.
+fn once(outlet: Outlet) -> Work<Result<Tested, Problem>> {
+    Box::pin(async move { tried(&outlet).await })
+}
+
+async fn tested(order: &Order, webhook: &str) -> Result<WebhookTest, Problem> {
     let begun = Instant::now();
-    let sent = hooks.thread.spawn({
-        let hooks = Arc::clone(&hooks);
-        async move { hooks.send((url, allowed), &webhook, &event).await }
-    });
-    let end = sent.await.map_err(|error| internal(error.to_string()))?;
+    let origin = order.who.origin();
+    let (event, end) = order
+        .site
+        .northbound
+        .aside(&id(webhook), origin, once)
+        .await??;
     let failed = end.as_ref().err();
     let error = failed.map(|failed| in_words(&order.site, &order.headers, failed.problem()));
     Ok(WebhookTest {
         schema: SCHEMA,
-        id,
+        id: event,
         delivered: end.is_ok(),
         status: end
             .as_ref()
             .ok()
             .copied()
-            .or(failed.and_then(Failed::status)),
+            .or(failed.and_then(super::Failed::status)),
         took_ms: u64::try_from(begun.elapsed().as_millis()).unwrap_or(u64::MAX),
         error,
     })

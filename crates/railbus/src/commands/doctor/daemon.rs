@@ -2,7 +2,7 @@
 
 use super::texts::DoctorText;
 use crate::backend::Remote;
-use railbus_app::doctor::{Finding, Section};
+use railbus_app::doctor::{self, Finding, Section};
 use railbus_app::failure::Failure;
 use railbus_app::machine::users::User;
 use railbus_app::socket;
@@ -44,8 +44,11 @@ async fn of_socket(lang: Lang, path: &PathBuf, user: &User) -> Vec<Finding> {
     let quoted = format!("'{}'", name.replace('\'', "'\\''"));
     match UnixStream::connect(path) {
         Ok(_) => {
+            let mut outlets = Vec::new();
             let mut found = vec![match Remote::at(path).await {
                 Ok(daemon) => {
+                    // A daemon of an earlier version has none.
+                    outlets = daemon.outlets().await.unwrap_or_default();
                     let site = daemon.name(lang);
                     let values: &[(&str, &dyn std::fmt::Display)] =
                         &[("socket", &name), ("site", &site)];
@@ -56,6 +59,7 @@ async fn of_socket(lang: Lang, path: &PathBuf, user: &User) -> Vec<Finding> {
                     Finding::error(Section::Daemon, "D504", detail)
                 }
             }];
+            found.extend(doctor::outlets(&outlets));
             if about.mode() & 0o077 != 0 {
                 let detail = format!("{name} ({:04o})", about.mode() & 0o7777);
                 let finding = Finding::warning(Section::Daemon, "D502", detail);

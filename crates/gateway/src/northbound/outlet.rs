@@ -1,0 +1,159 @@
+//! What an outlet gets: the site in its own name and with its own rights, its settings, and where
+//! it reports. And how it runs: on a thread of its own, so that nothing it does holds up another.
+
+use super::kind::{OutletKind, Work};
+use super::run::Northbound;
+use super::secrets::Secrets;
+use super::supervisor::{Input, OutletCounts, OutletId, RunId};
+use crate::access::secret::Secret;
+use jiff::Timestamp;
+use railbus_api::outlets::OutletError;
+use railbus_api::problem::{Problem, codes};
+use railbus_site::config::change::Keys;
+use railbus_site::{Events, Rights, Role, Service};
+use railbus_store::audit::Origin;
+use railbus_words::time::rfc3339;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::{Arc, Weak};
+use std::time::Duration;
+use tokio::runtime::Builder;
+use tokio::sync::watch;
+
+/// The key of the settings with the outputs that an outlet may switch. Without it, it only reads.
+const WRITE: &str = "write";
+
+/// What a running outlet has. There is nothing else of the daemon that it can reach.
+pub(crate) struct Outlet {
+    /// Its name.
+    pub(crate) name: String,
+    /// What the site is called.
+    pub(crate) site: Arc<str>,
+    /// The site, in the outlet's name and with its rights.
+    pub(crate) service: Service,
+    /// Its settings, as its fields are. They change for kinds that take them over.
+    pub(crate) settings: watch::Receiver<Keys>,
+    /// Where it reports how it does.
+    pub(crate) report: Report,
+    pub(super) kind: &'static OutletKind,
+    pub(super) secrets: Arc<Secrets>,
+    pub(super) stop: watch::Receiver<bool>,
+}
+
+impl Outlet {
+    /// Its secret, as it is now.
+    pub(crate) fn secret(&self) -> Option<Arc<Secret>> {
+        self.secrets.of(self.kind, &self.name)
+    }
+
+    /// Resolves when it must end. It then has [`super::supervisor::STOP_MAX`].
+    pub(crate) fn stopped(&self) -> impl Future<Output = ()> + use<> {
+        let mut stop = self.stop.clone();
+        async move {
+            // Fails if the supervisor is gone, which stops it as well.
+            let _ = stop.wait_for(|stop| *stop).await;
+        }
+    }
+}
+
+/// For whom an outlet acts.
+pub(super) fn origin(id: &OutletId) -> Origin {
+    Origin::program(&format!("{}:{}", id.kind, id.name))
+}
+
+/// What an outlet may do: read, and switch the outputs that its settings name.
+pub(super) fn rights(settings: &Keys) -> Rights {
+    let named = settings.get(WRITE).and_then(|value| value.as_array());
+    let points: Vec<String> = named
+        .into_iter()
+        .flatten()
+        .filter_map(|point| point.as_str().map(str::to_owned))
+        .collect();
+    Rights {
+        // Without points an operator could switch them all.
+        role: match points.is_empty() {
+            true => Role::Viewer,
+            false => Role::Operator,
+        },
+        points: points.into(),
+    }
+}
+
+/// Where an outlet reports how it does.
+#[derive(Clone, Debug)]
+pub(crate) struct Report {
+    pub(super) run: RunId,
+    pub(super) counts: Arc<OutletCounts>,
+    pub(super) to: Weak<Northbound>,
+}
+
+impl Report {
+    /// What it counts.
+    pub(crate) fn counts(&self) -> &OutletCounts {
+        &self.counts
+    }
+
+    /// It has begun its work.
+    pub(crate) fn ready(&self) {
+        self.input(Input::Ready(self.run));
+    }
+
+    /// It delivered something, or reached the other side again.
+    pub(crate) fn worked(&self) {
+        self.input(Input::Worked(self.run));
+    }
+
+    /// What it does failed for this many times, and is tried again after this time, if at all.
+    pub(crate) fn failed(&self, problem: Problem, tries: u32, retry: Option<Duration>) {
+        let error = OutletError {
+            at: rfc3339(Timestamp::now()),
+            tries,
+            problem,
+        };
+        self.input(Input::Failed(self.run, error, retry));
+    }
+
+    fn input(&self, input: Input) {
+        if let Some(to) = self.to.upgrade() {
+            to.input(input);
+        }
+    }
+}
+
+/// Runs an outlet on a thread of its own, until it ends or panics; `ended` is then called with the
+/// reason.
+pub(super) fn spawn(
+    outlet: Outlet,
+    events: Events,
+    ended: impl FnOnce(Problem) + Send + 'static,
+) -> std::io::Result<()> {
+    let name = outlet.name.clone();
+    let thread = std::thread::Builder::new().name(format!("outlet {}", outlet.kind.name));
+    let run = move || {
+        let work = outlet.kind.run;
+        let end = on_this_thread(|| work(outlet, events));
+        let reason = match end {
+            Ok(Ok(())) => Problem::new(codes::OUTLET_ENDED),
+            Ok(Err(problem)) => problem,
+            Err(reason) => Problem::new(codes::OUTLET_ENDED).with("reason", reason),
+        };
+        ended(match reason.code == codes::OUTLET_ENDED.code {
+            true => reason.with("name", name),
+            false => reason,
+        });
+    };
+    thread.spawn(run).map(drop)
+}
+
+/// Runs this to its end in a runtime of its own. An error says why there is no result.
+pub(super) fn on_this_thread<T>(what: impl FnOnce() -> Work<T>) -> Result<T, String> {
+    let runtime = Builder::new_current_thread().enable_all().build();
+    let runtime = runtime.map_err(|error| error.to_string())?;
+    let end = catch_unwind(AssertUnwindSafe(|| runtime.block_on(what())));
+    // A look-up of a name may take longer than anybody waits.
+    runtime.shutdown_background();
+    end.map_err(|panic| {
+        let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
+        let text = text.or_else(|| panic.downcast_ref::<String>().cloned());
+        format!("panic: {}", text.unwrap_or_default())
+    })
+}

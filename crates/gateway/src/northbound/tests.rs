@@ -1,0 +1,278 @@
+//! The machinery of outlets, tried with the kind of [`super::textline`].
+
+use super::supervisor::{OutletId, Supervised};
+use super::*;
+use railbus_api::outlets::OutletState;
+use railbus_site::Service;
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use tokio::io::{AsyncBufReadExt as _, AsyncWriteExt as _, BufReader};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::watch;
+
+/// A site none of whose lines can be opened.
+const SITE: &str = "[line.main]\nport = \"/dev/ttyS99\"\n[module.oven]\nline = \"main\"\n\
+    model = \"erc8\"\naddress = 3\n[module.pump]\nline = \"main\"\nmodel = \"erc8\"\naddress = 4\n";
+
+/// The outlets of a site in a temporary folder.
+struct Stage {
+    folder: PathBuf,
+    service: Service,
+    northbound: Arc<Northbound>,
+    changes: watch::Sender<u64>,
+}
+
+impl Stage {
+    fn new(name: &str, outlets: &str) -> Stage {
+        let unique = format!("railbus-outlets-{}-{name}", std::process::id());
+        let folder = std::env::temp_dir().join(unique);
+        std::fs::create_dir_all(&folder).unwrap();
+        let config = Config::parse(&format!("{SITE}{outlets}")).unwrap();
+        let service = Service::start_in(config, &folder).unwrap();
+        let northbound = Northbound::new("here", &folder, &service);
+        let changes = watch::Sender::new(0);
+        northbound.run(changes.subscribe());
+        Stage {
+            folder,
+            service,
+            northbound,
+            changes,
+        }
+    }
+
+    async fn reload(&self, outlets: &str) {
+        let text = format!("{SITE}{outlets}");
+        let written = async { Ok::<(), ()>(()) };
+        let done = self.service.reload_written(&text, written).await;
+        done.unwrap().unwrap();
+        self.changes.send_modify(|count| *count += 1);
+    }
+
+    fn look<T>(&self, name: &str, look: impl FnOnce(&Supervised) -> T) -> Option<T> {
+        let id = OutletId {
+            kind: "textline",
+            name: name.to_owned(),
+        };
+        self.northbound.look(&id, look)
+    }
+
+    /// Waits until an outlet is in this state.
+    async fn until(&self, name: &str, state: OutletState) {
+        loop {
+            let news = self.northbound.news.notified();
+            if self.look(name, Supervised::state) == Some(state) {
+                return;
+            }
+            news.await;
+        }
+    }
+}
+
+impl Drop for Stage {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.folder);
+    }
+}
+
+fn outlet(name: &str, at: SocketAddr, more: &str) -> String {
+    let (host, port) = (at.ip(), at.port());
+    format!("[outlet.{name}]\ntype = \"textline\"\nhost = \"{host}\"\nport = {port}\n{more}\n")
+}
+
+/// The other side of an outlet.
+struct Peer(BufReader<TcpStream>);
+
+impl Peer {
+    async fn accept(listener: &TcpListener) -> Peer {
+        Peer(BufReader::new(listener.accept().await.unwrap().0))
+    }
+
+    async fn line(&mut self) -> String {
+        let mut line = String::new();
+        self.0.read_line(&mut line).await.unwrap();
+        line
+    }
+
+    /// Reads until the outlet is gone.
+    async fn closed(&mut self) {
+        while !self.line().await.is_empty() {}
+    }
+
+    async fn ask(&mut self, command: &str) -> String {
+        let command = format!("{command}\n");
+        self.0
+            .get_mut()
+            .write_all(command.as_bytes())
+            .await
+            .unwrap();
+        loop {
+            let line = self.line().await;
+            if !line.starts_with("changes") && !line.starts_with("points") {
+                return line.trim().to_owned();
+            }
+        }
+    }
+}
+
+#[tokio::test]
+async fn an_outlet_gets_the_site_with_its_own_rights() {
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let at = listener.local_addr().unwrap();
+    let stage = Stage::new("rights", &outlet("x", at, "write = [\"oven.k1\"]"));
+    let mut peer = Peer::accept(&listener).await;
+    assert_eq!(peer.line().await, "points 16\n");
+    stage.until("x", OutletState::Running).await;
+    assert_eq!(peer.ask("pump.k1 on").await, "failed not_permitted");
+    assert_eq!(peer.ask("oven.k2 on").await, "failed not_permitted");
+    let end = peer.ask("oven.k1 on").await;
+    assert!(
+        end.starts_with("failed ") && !end.ends_with("permitted"),
+        "its line is gone: {end}"
+    );
+    // Without `write` it only reads. Other settings are another run.
+    stage.reload(&outlet("x", at, "")).await;
+    let mut peer = Peer::accept(&listener).await;
+    assert_eq!(peer.line().await, "points 16\n");
+    assert_eq!(peer.ask("oven.k1 on").await, "failed role_too_low");
+    stage.northbound.close().await;
+    peer.closed().await;
+}
+
+#[tokio::test]
+async fn one_that_fails_says_why_and_holds_up_no_other() {
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let at = listener.local_addr().unwrap();
+    let nowhere = TcpListener::bind("127.0.0.1:0")
+        .await
+        .unwrap()
+        .local_addr()
+        .unwrap();
+    let both = |address| [outlet("bad", address, ""), outlet("good", at, "")].concat();
+    let stage = Stage::new("fails", &both(nowhere));
+    let mut peer = Peer::accept(&listener).await;
+    assert_eq!(peer.line().await, "points 16\n");
+    stage.until("bad", OutletState::Waiting).await;
+    let code = stage.look("bad", |outlet| {
+        outlet.error().map(|error| error.problem.code.clone())
+    });
+    assert_eq!(code.flatten().as_deref(), Some("E0857"));
+    stage.until("good", OutletState::Running).await;
+    stage.reload(&both(at)).await;
+    let mut mended = Peer::accept(&listener).await;
+    assert_eq!(
+        mended.line().await,
+        "points 16\n",
+        "at once, with another address"
+    );
+    stage.reload(&outlet("good", at, "enabled = false")).await;
+    stage.until("good", OutletState::Stopped).await;
+    peer.closed().await;
+    mended.closed().await;
+    assert!(stage.look("bad", |_| ()).is_none());
+}
+
+#[test]
+fn a_panic_is_an_end_with_its_reason() {
+    let end =
+        outlet::on_this_thread(|| -> kind::Work<()> { Box::pin(async { panic!("canary {}", 1) }) });
+    assert_eq!(end, Err("panic: canary 1".to_owned()));
+}
+
+#[test]
+fn what_is_wrong_with_settings_is_told_with_its_place() {
+    let told = |text: &str| {
+        let text = format!("{SITE}{text}");
+        let config = Config::parse(&text).unwrap();
+        let lines = SITE.matches('\n').count();
+        let each = settings::check(&text, &config).into_iter();
+        each.map(|one| (one.line - lines, one.column, one.path, one.kind.code()))
+            .collect::<Vec<_>>()
+    };
+    let at = "127.0.0.1:4000".parse().unwrap();
+    assert_eq!(told(&outlet("x", at, "enabled = false\nquiet = true")), []);
+    let path = |key: &str| format!("outlet.x.{key}");
+    assert_eq!(
+        told("[outlet.x]\ntype = \"textlien\"\n"),
+        [(2, 1, path("type"), "E0815")]
+    );
+    assert_eq!(
+        told("[outlet.x]\ntype = \"webhook\"\n"),
+        [(2, 1, path("type"), "E0815")],
+        "it has a table of its own"
+    );
+    let wrong = "[outlet.x]\ntype = \"textline\"\n  write = [\"a b\"]\nprot = 1\nenabled = 1\n\
+        port = 0\n";
+    assert_eq!(
+        told(wrong),
+        [
+            (1, 9, path("host"), "E0813"),
+            (3, 3, path("write"), "E0821"),
+            (4, 1, path("prot"), "E0812"),
+            (5, 1, path("enabled"), "E0814"),
+            (6, 1, path("port"), "E0816"),
+        ]
+    );
+    let empty = "[outlet.x]\ntype = \"textline\"\nhost = \"\"\n";
+    assert_eq!(told(empty), [(3, 1, path("host"), "E0872")]);
+}
+
+/// A kind is its folder and its line: what it is called stands in no other file of the gateway.
+#[test]
+fn a_kind_is_one_folder_and_one_line() {
+    let sources = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    let mut files = Vec::new();
+    let mut folders = vec![sources.clone()];
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            match path.is_dir() {
+                true => folders.push(path),
+                false => files.push(path),
+            }
+        }
+    }
+    let mut more = Vec::new();
+    for kind in NORTHBOUND {
+        let own = sources.join("northbound").join(kind.name);
+        assert!(own.is_dir(), "{}", kind.name);
+        let line = [
+            format!("mod {};", kind.name),
+            format!("&{}::KIND,", kind.name),
+        ];
+        // The tests name the kind that they try.
+        let tests = sources.join("northbound/tests.rs");
+        for path in files
+            .iter()
+            .filter(|path| !path.starts_with(&own) && **path != tests)
+        {
+            let text = std::fs::read_to_string(path).unwrap();
+            let named = text.lines().filter(|line| line.contains(kind.name));
+            let named = named.filter(|text| !line.iter().any(|line| line == text.trim()));
+            more.extend(named.map(|line| format!("{}: {line}", path.display())));
+        }
+    }
+    assert!(more.is_empty(), "{more:#?}");
+}
+
+/// What the recipe in `CONTRIBUTING.md` names is there, for every kind.
+#[test]
+fn the_recipe_names_the_files_of_a_kind() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let text = std::fs::read_to_string(root.join("CONTRIBUTING.md")).unwrap();
+    let (_, recipe) = text
+        .split_once("\n## Adding an outlet\n")
+        .expect("a recipe");
+    let recipe = recipe.split("\n## ").next().unwrap();
+    let named = recipe.split('`').skip(1).step_by(2);
+    let named: Vec<&str> = named.filter(|word| word.contains('/')).collect();
+    let own = "crates/gateway/src/northbound/<kind>/mod.rs";
+    let table = "crates/gateway/src/northbound.rs";
+    assert!(named.contains(&own) && named.contains(&table), "{named:?}");
+    for kind in NORTHBOUND {
+        for path in &named {
+            let path = root.join(path.replace("<kind>", kind.name));
+            assert!(path.is_file(), "{}: {}", kind.name, path.display());
+        }
+    }
+}
