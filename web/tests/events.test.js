@@ -28,12 +28,20 @@ const NONE = ["write", "webhook_test"];
 /** No command that was begun ends so, and no rule: what it names, and whether it may, is asked before. */
 const NEVER = ["no_such_group", "no_such_scene", "no_such_line", "no_such_module", "no_such_point", "not_an_output", "playing", "no_lease", "lease_time", "role_too_low", "not_permitted"];
 
+/** The events about integrations: each last word, after what the codes of a kind begin with. */
+function outlets() {
+  const begin = ["outlet", ...all(/\bevents: "([a-z_]+)"/g)];
+  const end = new Set(all(/\.event\((?:self\.kind, )?"([a-z_]+)"/g));
+  assert.equal(end.size, 4, `${[...end]} are found in the sources`);
+  return begin.flatMap((first) => [...end].map((last) => `${first}_${last}`));
+}
+
 test("every event that the daemon knows has words", () => {
   const codes = new Set([
     ...all(/Severity::\w+,\s*"([a-z_]+)"/g),
     ...all(/\b(?:note_change|noted)\(\(?&?site, [^"]*"([a-z_]+)"/g),
     ...all(/\btold\("([a-z_]+)", &/g),
-    ...all(/const (?:FAILS|WORKS): &str = "([a-z_]+)"/g),
+    ...outlets(),
   ]);
   for (const code of NONE) codes.delete(code);
   assert.ok(codes.size > 30, `${codes.size} are found in the sources`);

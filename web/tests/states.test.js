@@ -1,5 +1,6 @@
 // Pages in states that are seldom seen, at every width and in both languages, measured: a form that is
-// refused, somebody who may not, and a daemon that ends while groups, rules and trends are looked at.
+// refused, somebody who may not, an integration that fails, and a daemon
+// that ends while groups, rules, integrations and trends are looked at.
 import assert from "node:assert/strict";
 import { after, before, test } from "node:test";
 import { browse, faults, open, PASSWORD, serve, setUp, words } from "./daemon.js";
@@ -18,6 +19,8 @@ before(async () => {
   await ask("PUT", "/rules/hot", {
     name: { en: "Too hot", zh: "过热" }, when: { point: "oven.k1", is: true }, for_ms: 1_000, then: [{ notify: "hot" }],
   });
+  // Nothing listens there, which is for the owner to allow.
+  await daemon.owner("PUT", "/outlets/webhook/dead", { url: "http://127.0.0.1:9/" });
   await ask("POST", "/users", { name: "guest", role: "viewer", password: PASSWORD });
 });
 
@@ -87,6 +90,22 @@ for (const lang of ["en", "zh"]) {
   });
 }
 
+for (const lang of ["en", "zh"]) {
+  test(`an integration that fails says why, and what to do: ${lang}`, async () => {
+    const { context, page, t, dialog } = await visitor(lang);
+    await page.goto(`${daemon.origin}/integrations`);
+    const card = page.locator("article", { hasText: "dead" });
+    await card.locator(".note.bad", { hasText: "E0857" }).waitFor();
+    assert.ok((await card.locator(".note.bad p").count()) >= 3, await card.textContent());
+    assert.deepEqual(await measure(page, `${lang} integration fails`), []);
+    await page.getByText("Webhook", { exact: true }).last().click();
+    await card.getByRole("button", { name: t("edit") }).click();
+    await dialog.getByLabel(t("outlet_enabled")).waitFor();
+    assert.deepEqual(await measure(page, `${lang} integration form`), []);
+    await context.close();
+  });
+}
+
 test("another model in a module's place is named on its card and page", async () => {
   await ask("PATCH", "/config/modules/pump", { model: "eda9050" });
   const found = [];
@@ -118,9 +137,9 @@ test("another model in a module's place is named on its card and page", async ()
   assert.deepEqual(found, []);
 });
 
-test("the daemon ends while groups, rules and trends are looked at", async () => {
+test("the daemon ends while groups, rules, integrations and trends are looked at", async () => {
   const all = [];
-  const SEEN = [["/groups", "article li"], ["/rules", "article .tag"], ["/trends?points=oven.k1,tank.ai1&for=60", "section table tbody tr"]];
+  const SEEN = [["/groups", "article li"], ["/rules", "article .tag"], ["/integrations", "article .tag.bad"], ["/trends?points=oven.k1,tank.ai1&for=60", "section table tbody tr"]];
   for (const lang of ["en", "zh"]) {
     for (const [path, seen] of SEEN) {
       const one = await visitor(lang);

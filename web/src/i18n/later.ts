@@ -5,6 +5,7 @@ import { backup } from "./backup";
 import { calibrate } from "./calibrate";
 import { events } from "./events";
 import { groups } from "./groups";
+import { outlets } from "./outlets";
 import { recover } from "./recover";
 import { rules } from "./rules";
 import { send } from "./send";
@@ -12,7 +13,6 @@ import { settings } from "./settings";
 import { sim } from "./sim";
 import { system } from "./system";
 import { trends } from "./trends";
-import { webhooks } from "./webhooks";
 
 export const later = {
   ...admin,
@@ -21,6 +21,7 @@ export const later = {
   ...calibrate,
   ...events,
   ...groups,
+  ...outlets,
   ...recover,
   ...rules,
   ...send,
@@ -28,5 +29,4 @@ export const later = {
   ...sim,
   ...system,
   ...trends,
-  ...webhooks,
 };

@@ -1,0 +1,35 @@
+import type { Pair } from "./index.svelte";
+
+/** What publishes the site. The texts of each kind and of its settings come from the daemon. */
+export const outlets = {
+  outlets: ["Configured", "已配置"],
+  outlets_none: ["No integrations.", "没有集成。"],
+  outlet_new: ["New integration", "新建集成"],
+  outlet_kind: ["Kind", "类型"],
+  outlet_kept: ["{name} saved", "已保存 {name}"],
+  outlet_gone: ["{name} removed", "已删除 {name}"],
+  outlet_gone_what: ["It stops, and its secret is deleted.", "立即停止，密钥一并删除。"],
+  outlet_state_off: ["off", "已停用"],
+  outlet_state_stopped: ["stopped", "已停止"],
+  outlet_state_starting: ["starting", "启动中"],
+  outlet_state_running: ["running", "运行中"],
+  outlet_state_waiting: ["failing", "失败"],
+  outlet_since: ["since {at}", "自 {at}"],
+  outlet_retry: ["Next attempt: {at}", "下次重试：{at}"],
+  outlet_secret: ["secret set", "已设密钥"],
+  outlet_counts: [
+    "delivered: {sent}, waiting: {queue}, not delivered: {failed}, dropped: {dropped}",
+    "已送达 {sent}，等待 {queue}，未送达 {failed}，丢弃 {dropped}",
+  ],
+  outlet_last: ["Last delivery: {at}", "最近送达：{at}"],
+  outlet_error: ["Last error", "最近错误"],
+  outlet_test: ["Test", "测试"],
+  outlet_test_ok: ["{name} works: {answer}, {ms} ms", "{name} 正常：{answer}，{ms} ms"],
+  outlet_test_failed: ["Test of {name} failed ({ms} ms)", "{name} 测试失败（{ms} ms）"],
+  outlet_name: ["Name (a-z, 0-9, _)", "名称（a-z、0-9、_）"],
+  outlet_names: ["Leave empty for all, or names separated by commas", "留空表示全部，多个名称用逗号分隔"],
+  outlet_points: ["Such as oven.*, pump.do0", "例如 oven.*、pump.do0"],
+  outlet_enabled: ["Enabled", "启用"],
+  outlet_make: ["Generate", "生成"],
+  outlet_no_secret: ["Remove the secret", "取消密钥"],
+} as const satisfies Record<string, Pair>;
