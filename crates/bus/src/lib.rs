@@ -226,7 +226,7 @@ impl Bus {
         self.now = now;
         self.ghosts.expire(now);
         // Every transition of a line is in this match.
-        match (self.state, input) {
+        match (&self.state, input) {
             (State::Closed, Input::Opened) => self.open(),
             (State::Closed, _) => {}
             (_, Input::Opened) => {
@@ -234,12 +234,12 @@ impl Bus {
                 self.open();
             }
             (_, Input::Closed) => self.close(),
-            (State::Settling(until), Input::Timeout) if until <= now => self.settled(),
+            (State::Settling(until), Input::Timeout) if *until <= now => self.settled(),
             (State::Settling(_), Input::Bytes(_)) => self.busy_until = now,
             (State::Idle, Input::Bytes(bytes)) => self.overhear(bytes),
-            (State::Waiting(flight), Input::Bytes(bytes)) => self.listen(flight, bytes),
+            (State::Waiting(flight), Input::Bytes(bytes)) => self.listen(*flight, bytes),
             (State::Waiting(flight), Input::Timeout) if flight.deadline <= now => {
-                self.give_up(flight);
+                self.give_up(*flight);
             }
             (_, Input::Timeout) => {}
         }

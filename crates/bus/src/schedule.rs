@@ -128,6 +128,8 @@ impl Bus {
     }
 
     /// Starts the next exchange, if its time has come; returns when to look again.
+    // Inlined, it would make each `poll` save all registers.
+    #[inline(never)]
     pub(crate) fn start_next(&mut self) -> Option<Instant> {
         loop {
             let mut search = Search::default();
@@ -523,10 +525,12 @@ impl Bus {
                 };
                 let rank = due + handicap;
                 if best.is_none_or(|known| rank < known)
-                    && let Some(work) = self.work(module, job, state.timeout())
-                    && self.offer(search, Work { urgent, ..work })
+                    && let Some(mut work) = self.work(module, job, state.timeout())
                 {
-                    best = Some(rank);
+                    work.urgent = urgent;
+                    if self.offer(search, work) {
+                        best = Some(rank);
+                    }
                 }
             };
             if state.has_on_online_ops() {
