@@ -12,7 +12,7 @@
 //!
 //! What is sent next, after how much silence: `schedule`. What came of it: `outcome`, `command`,
 //! `event`. Late replies: `ghost`, `fence`. Modules that do not answer, health, model:
-//! `module_state`, `identity`. Bytes, echoes: `rx_buffer`.
+//! `silent`, `module_state`, `identity`. Bytes, echoes: `rx_buffer`.
 
 #![no_std]
 #![forbid(unsafe_code)]
@@ -39,6 +39,7 @@ mod modules;
 mod outcome;
 mod rx_buffer;
 mod schedule;
+mod silent;
 
 pub use config::{Config, EchoMode, Medium, Past, Plan, Terms};
 use event::Events;
@@ -122,6 +123,9 @@ pub struct Bus {
     /// When the next silent module may be probed.
     probe_silent_at: Instant,
     next_silent: usize,
+    /// Until when the others have the line to themselves for what silent modules were asked for
+    /// callers.
+    asked_paid_until: Instant,
     /// Roughly how long reading everything once takes.
     cycle: Micros,
     next_ticket: u64,
@@ -162,6 +166,7 @@ impl Bus {
             opened: Instant(0),
             probe_silent_at: Instant(0),
             next_silent: 0,
+            asked_paid_until: Instant(0),
             cycle: Micros::ZERO,
             next_ticket: 0,
             now: Instant(0),
@@ -290,6 +295,7 @@ impl Bus {
         self.busy_until = self.now;
         self.opened = self.now;
         self.probe_silent_at = self.now;
+        self.asked_paid_until = self.now;
         let count = self.modules.len();
         let now = self.now + settle;
         self.cycle = Micros::ZERO;
@@ -575,52 +581,6 @@ impl Bus {
             return false;
         }
         !self.rx.heard().is_empty()
-    }
-
-    /// No good reply came in time.
-    fn missed(&mut self, flight: InFlight) {
-        self.state = State::Idle;
-        if self.rx.missed(self.now, self.busy_until) {
-            self.events.push(Event::Babble);
-        }
-        // What was received may be the reply to an older request.
-        let late = self.ghosts.take_reply(self.rx.heard());
-        let why = match late {
-            Some(_) => None,
-            None => self.rx.why(&flight.exchange),
-        };
-        self.add_ghost(&flight);
-        if let Some(met) = late {
-            self.on_late_reply(met);
-        }
-        if let Some(module) = flight.job.module()
-            && let Some(state) = self.modules.get_mut(module.0)
-        {
-            let was_silent = state.is_silent();
-            let gap = state.module.setup().request_gap();
-            // A module without a fence, or one that does not report its model, is not counted as
-            // silent for that.
-            let has_none = match flight.job {
-                Job::Fence { .. } => state.missed_fence(),
-                job => job.identifies() && state.may_be_mute(),
-            };
-            if flight.is_fence() && state.identifies(&flight.exchange) {
-                state.not_identified(flight.sent);
-            }
-            if flight.is_fence() && !has_none {
-                // The next check is as far off as after a poll.
-                state.put_off(flight.asked + state.plan.interval);
-            }
-            if !has_none {
-                state.missed();
-            }
-            self.publish_presence(module);
-            if was_silent && flight.job.is_status_check() {
-                self.throttle_silent(flight.asked, gap);
-            }
-        }
-        self.fail(&flight, 0, why);
-        self.end_if_left(&flight);
     }
 
     /// A frame that gets no reply was sent.

@@ -12,8 +12,6 @@ use railbus_wire::{Exchange, Instant, Micros, Protocol, Settings, foreign_comman
 pub const COMMANDS_MAX: usize = 64;
 /// How long a command waits for its turn before it expires.
 const TIME_TO_LIVE: Micros = Micros::from_secs(5);
-/// All silent modules together get one part in this many of the time.
-const SILENT_SHARE: u64 = 20;
 /// How long a poll at another speed waits for polls at the current one.
 const SPEED_PATIENCE: Micros = Micros::from_millis(250);
 /// How long after its request a silent module is preempted by a command.
@@ -21,7 +19,7 @@ const PREEMPT_AFTER: Micros = Micros::from_millis(60);
 
 /// An exchange that could be sent.
 #[derive(Clone, Copy, Debug)]
-struct Work {
+pub(crate) struct Work {
     job: Job,
     exchange: Exchange<'static>,
     settings: Settings,
@@ -33,14 +31,14 @@ struct Work {
 
 /// The result of looking for work.
 #[derive(Clone, Copy, Debug, Default)]
-struct Search {
+pub(crate) struct Search {
     work: Option<Work>,
     /// When to look again.
     again: Option<Instant>,
 }
 
 impl Search {
-    fn look_again(&mut self, at: Instant) {
+    pub(crate) fn look_again(&mut self, at: Instant) {
         self.again = Some(self.again.map_or(at, |known| known.min(at)));
     }
 }
@@ -307,7 +305,7 @@ impl Bus {
 
     /// Takes the work unless a ghost forbids it now; then the fence that ends the ghost.
     #[inline]
-    fn offer(&self, search: &mut Search, work: Work) -> bool {
+    pub(crate) fn offer(&self, search: &mut Search, work: Work) -> bool {
         if self.ghosts.is_empty() {
             search.work = Some(work);
             return true;
@@ -399,7 +397,7 @@ impl Bus {
     }
 
     #[inline]
-    fn work(&self, id: ModuleId, job: Job, timeout: Micros) -> Option<Work> {
+    pub(crate) fn work(&self, id: ModuleId, job: Job, timeout: Micros) -> Option<Work> {
         let module = &self.modules.get(id.0)?.module;
         let exchange = module.exchange(&job.op()).ok()?;
         let (settings, gap) = (module.setup().serial, module.setup().request_gap());
@@ -442,6 +440,15 @@ impl Bus {
                     _ => Job::ReadBack { module },
                 },
                 Stage::Queued if self.is_barred(index, command) => continue,
+                // It is asked later, or ends with the module's next check.
+                Stage::Queued
+                    if command.op.is_read()
+                        && state.is_silent()
+                        && self.asked_wait() > Micros::ZERO =>
+                {
+                    search.look_again(self.now + self.asked_wait());
+                    continue;
+                }
                 Stage::Queued => self.job_of(index, command, state),
             };
             if let Some(work) = self.work(module, job, state.timeout())
@@ -563,55 +570,6 @@ impl Bus {
             }
         }
         best.is_some()
-    }
-
-    /// The next silent module, if their share of the time allows it.
-    fn search_silent(&self, search: &mut Search) -> bool {
-        if !self.modules.iter().any(ModuleState::is_silent) {
-            return false;
-        }
-        let count = self.modules.len();
-        let turns = (self.next_silent..count).chain(0..self.next_silent.min(count));
-        for index in turns {
-            let Some(state) = self.modules.get(index) else {
-                continue;
-            };
-            if !state.plan.enabled || !state.is_silent() {
-                continue;
-            }
-            if self.probe_silent_at > self.now {
-                search.look_again(self.probe_silent_at);
-                return false;
-            }
-            let module = ModuleId(index);
-            let work = state.probe_op().and_then(|op| {
-                let exchange = state.module.exchange(&op).ok()?;
-                let timeout = state.probe_timeout(&exchange);
-                self.work(module, Job::Poll { module, op }, timeout)
-            });
-            if let Some(work) = work
-                && self.offer(search, work)
-            {
-                return true;
-            }
-            // Its read has to wait for its ghost; a fence need not.
-            let fence = self.fence_of(module, None).and_then(|job| {
-                let exchange = state.module.exchange(&job.op()).ok()?;
-                self.work(module, job, state.probe_timeout(&exchange))
-            });
-            if let Some(work) = fence
-                && self.offer(search, work)
-            {
-                return true;
-            }
-        }
-        false
-    }
-
-    /// A silent module did not answer: the others have the line to themselves for a while.
-    pub(crate) fn throttle_silent(&mut self, asked: Instant, gap: Micros) {
-        let cost = self.now.since(asked) + gap;
-        self.probe_silent_at = asked + cost * SILENT_SHARE;
     }
 
     fn search_probe(&self, search: &mut Search) -> bool {

@@ -9,9 +9,11 @@
 
 mod support;
 
-use railbus_bus::{Bus, Config, Confirmed, Event, Input, ModuleId, Plan, Presence, Terms, Ticket};
+use railbus_bus::{
+    Bus, Config, Confirmed, Event, Fault, Input, ModuleId, Plan, Presence, Terms, Ticket,
+};
 use railbus_device::{Bank, Eeprom, Engine, Family, Module, Op, Options, Setup};
-use railbus_wire::{Address, Channel, Instant, Micros, Protocol, Settings};
+use railbus_wire::{Address, Baud, Channel, Instant, Micros, Protocol, Settings};
 use std::collections::{BTreeMap, HashMap};
 use support::{Drive, Happening, millis};
 
@@ -131,6 +133,11 @@ impl Bench {
     }
 
     fn run_until(&mut self, until: Instant) {
+        while self.run_until_one_ends(until).is_some() {}
+    }
+
+    /// Runs until a command has ended; its module, and how.
+    fn run_until_one_ends(&mut self, until: Instant) -> Option<(usize, &'static str)> {
         let mut busy_until = self.drive.busy_until;
         while let Some(happening) = self.drive.step(until) {
             match happening {
@@ -143,10 +150,20 @@ impl Bench {
                     self.drive.ask_players(end, &bytes);
                 }
                 Happening::Heard(_) => {}
-                Happening::Told(event) => self.note(event),
+                Happening::Told(event) => {
+                    let end = match event {
+                        Event::Done { ticket, end, .. } => Some((self.tickets[&ticket], name(end))),
+                        _ => None,
+                    };
+                    self.note(event);
+                    if end.is_some() {
+                        return end;
+                    }
+                }
             }
             busy_until = self.drive.busy_until;
         }
+        None
     }
 
     /// The module that a frame is for; addresses differ on these lines.
@@ -203,13 +220,7 @@ impl Bench {
             }
             Event::Done { ticket, end, took } => {
                 self.tickets.remove(&ticket).expect("ends once");
-                let name = match end {
-                    Ok(Confirmed::Readback) => "readback",
-                    Ok(Confirmed::Reply) => "reply",
-                    Ok(Confirmed::Sent) => "sent",
-                    Err(fault) => fault.name(),
-                };
-                *self.ends.entry(name.to_owned()).or_default() += 1;
+                *self.ends.entry(name(end).to_owned()).or_default() += 1;
                 self.latencies.push(took);
             }
             Event::Presence { module, presence } => {
@@ -251,6 +262,16 @@ impl Bench {
         self.latencies.sort();
         let at = self.latencies.len() * 99 / 100;
         (self.latencies[at], self.latencies[self.latencies.len() - 1])
+    }
+}
+
+/// How a command ended, in one word.
+const fn name(end: Result<Confirmed, Fault>) -> &'static str {
+    match end {
+        Ok(Confirmed::Readback) => "readback",
+        Ok(Confirmed::Reply) => "reply",
+        Ok(Confirmed::Sent) => "sent",
+        Err(fault) => fault.name(),
     }
 }
 
@@ -376,6 +397,73 @@ fn dead_modules_cost_a_twentieth_and_come_back_in_time() {
     }
 }
 
+/// How many reads seven clients get of their modules in two minutes, each as fast as it can, beside
+/// a dead eighth module; `asked` if a client keeps asking that one, too. Then how the asking ended.
+fn reads_beside_a_dead_module(heard_before: bool, asked: bool) -> (usize, Vec<&'static str>) {
+    let setups: Vec<Setup> = (1..=8)
+        .map(|address| Setup {
+            protocol: Protocol::Rtu,
+            serial: Settings {
+                baud: Baud::B19200,
+                ..Settings::FACTORY
+            },
+            ..Setup::new(Family::Eda9060a, Address(address))
+        })
+        .collect();
+    let mut bench = Bench::new(&setups, Plan::default(), millis(5));
+    if heard_before {
+        bench.run_for(Micros::from_secs(5));
+    }
+    bench.power(7, false);
+    bench.run_for(Micros::from_secs(12));
+    let clients = if asked { 8 } else { 7 };
+    let mut reads = 0;
+    let mut ends = Vec::new();
+    // Once what may be asked at once has been used up.
+    let warm = bench.now() + Micros::from_secs(20);
+    let until = warm + Micros::from_secs(120);
+    while bench.now() < until {
+        for client in 0..clients {
+            if !bench.tickets.values().any(|module| *module == client) {
+                bench.submit(client, Op::ReadOutputs, Terms::default());
+            }
+        }
+        let (reads_before, end) = (bench.latencies.len(), bench.run_until_one_ends(until));
+        let is_warm = bench.now() >= warm;
+        match end {
+            Some((7, end)) if is_warm => ends.push(end),
+            Some((module, end)) if module < 7 => {
+                assert_eq!(end, "reply", "of module {module}");
+                reads += usize::from(is_warm && bench.latencies.len() > reads_before);
+            }
+            _ => {}
+        }
+    }
+    (reads, ends)
+}
+
+/// "A client that keeps asking a dead module for fresh values costs the others <= 5 %": what it
+/// asks waits for the module's next check, and ends with what came of that.
+#[test]
+fn asking_a_dead_module_again_and_again_costs_the_others_a_twentieth() {
+    for heard_before in [true, false] {
+        let (alone, _) = reads_beside_a_dead_module(heard_before, false);
+        let (beside, ends) = reads_beside_a_dead_module(heard_before, true);
+        println!(
+            "beside a dead module (heard before: {heard_before}): {alone} reads, {beside} while it \
+             is asked, which ended {} times",
+            ends.len()
+        );
+        assert!(beside * 100 >= alone * 95, "{beside} instead of {alone}");
+        // A read that was not sent says so; one that was begun after it was asked for.
+        let count = |name: &str| ends.iter().filter(|end| **end == name).count();
+        let (unanswered, unsent) = (count("no_reply"), count("expired"));
+        assert_eq!(unanswered + unsent, ends.len(), "{ends:?}");
+        assert!(unanswered >= 120 / 15, "{ends:?}");
+        assert!(!heard_before || unsent == 0, "{ends:?}");
+    }
+}
+
 /// "8 unrelated commands/s: every module still polled within its max age (default 2 s at 9600)".
 #[test]
 fn polls_keep_their_age_under_8_commands_a_second() {
@@ -441,7 +529,7 @@ fn of_a_million_requests_none_is_too_early() {
     let setup = |family, address, protocol, rate| {
         let mut setup = Setup::new(family, Address(address));
         setup.protocol = protocol;
-        setup.serial.baud = railbus_wire::Baud::from_rate(rate).expect("a speed");
+        setup.serial.baud = Baud::from_rate(rate).expect("a speed");
         setup
     };
     let lines: [&[Setup]; 3] = [
