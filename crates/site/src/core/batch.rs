@@ -4,7 +4,7 @@ use super::context::Context;
 use super::order::TTL;
 use super::state::State;
 use super::turns::Turn;
-use crate::config::Place;
+use crate::config::{Config, Place};
 use crate::rights::Who;
 use crate::{Failure, WriteDone, WriteTerms};
 use railbus_device::{Bank, Module, Point};
@@ -101,8 +101,8 @@ type Item = (usize, Place, bool);
 /// Who holds the turn while a batch is switched.
 #[derive(Clone, Debug)]
 enum Held {
-    /// Each command waits for a turn of its own.
-    Not,
+    /// Each command waits for a turn of its own, with the boards of this configuration.
+    Not(Arc<Config>),
     /// What was decided holds for all of them. The outputs of a command are given back with its
     /// end.
     Each(Arc<Turn>),
@@ -120,16 +120,17 @@ impl Context {
         set: &[(Place, bool)],
         terms: BatchTerms,
     ) -> BatchDone {
+        let since = self.config();
         let (mut done, items) = self.with(|state| state.checked(who, set, terms));
         if !terms.all_or_nothing || items.is_empty() {
-            self.switch_in_turn(who, &mut done, &items, terms, &Held::Not)
+            self.switch_in_turn(who, &mut done, &items, terms, &Held::Not(since))
                 .await;
             return done;
         }
         let places: Vec<Place> = items.iter().map(|item| item.1.clone()).collect();
         // Before the turn: nobody has to wait while a silent module is read.
         self.ask_unknown(&places).await;
-        match self.turn(places, self.now() + TTL).await {
+        match self.turn_since(&since, places, self.now() + TTL).await {
             Ok(turn) => {
                 // Meanwhile the configuration may have changed, or the site may be closing.
                 let (done, items) = self.with(|state| state.checked(who, set, terms));
@@ -185,16 +186,15 @@ impl Context {
         to: GroupState,
         terms: BatchTerms,
     ) -> Result<BatchDone, Failure> {
-        let members = self.with(|state| {
-            let group = state.site.config().groups.get(group);
-            Ok::<_, Failure>(group.ok_or(Failure::NoSuchGroup)?.members.clone())
-        })?;
+        let since = self.config();
+        let group = since.groups.get(group).ok_or(Failure::NoSuchGroup)?;
+        let members = group.members.clone();
         match to {
             GroupState::Set(on) => {
                 let set: Vec<_> = members.into_iter().map(|member| (member, on)).collect();
                 Ok(self.batch(who, &set, terms).await)
             }
-            GroupState::Toggle => self.toggle_group(who, members, terms).await,
+            GroupState::Toggle => self.toggle_group(&since, who, members, terms).await,
         }
     }
 
@@ -202,13 +202,14 @@ impl Context {
     /// the later one sees the result of the first.
     async fn toggle_group(
         &self,
+        since: &Config,
         who: &Who,
         members: Vec<Place>,
         terms: BatchTerms,
     ) -> Result<BatchDone, Failure> {
         // Before the turn: nobody has to wait while a silent module is read.
         self.ask_unknown(&members).await;
-        let turn = self.turn(members.clone(), self.now() + TTL);
+        let turn = self.turn_since(since, members.clone(), self.now() + TTL);
         let turn = turn.await?;
         let before = self.read_in_turn(&members).await;
         // If nothing is known, any of it may be on.
@@ -359,7 +360,7 @@ impl Context {
         let expires = self.now() + TTL;
         let done = match held {
             _ if ends => Err(Fault::Closed.into()),
-            Held::Not => self.write(who, module, set, terms).await,
+            Held::Not(since) => self.write_since(since, who, module, set, terms).await,
             Held::Each(turn) => {
                 let points: Vec<Point> = set.iter().map(|(point, _)| *point).collect();
                 match self

@@ -5,6 +5,7 @@
 use super::state::State;
 use super::{Begun, LineId, Output};
 use crate::Failure;
+use crate::config::Config;
 use crate::service::lock;
 use railbus_device::Op;
 use railbus_host::{Done, Fault, ModuleChanges};
@@ -143,6 +144,11 @@ impl Context {
     /// Reads or changes the state, as one step.
     pub(crate) fn with<T>(&self, step: impl FnOnce(&mut State) -> T) -> T {
         step(&mut lock(&self.0))
+    }
+
+    /// The configuration in force.
+    pub(super) fn config(&self) -> Arc<Config> {
+        self.with(|state| Arc::clone(state.site.config()))
     }
 
     /// The time of the site.

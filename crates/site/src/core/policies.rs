@@ -2,12 +2,14 @@
 
 use super::context::Context;
 use super::promises::{Key, Promise, Why};
+use super::reload::same_board;
 use super::state::State;
 use super::timers::Timer;
 use crate::config::{Config, Place, Policy, Safety};
 use crate::rights::Who;
 use railbus_wire::Micros;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 use std::time::Duration;
 
 /// How long closing the site may take to switch its outputs.
@@ -50,21 +52,32 @@ impl Context {
     /// A module answers again: its outputs are switched according to their policies, off before on.
     /// Failures are retried until it is done, or somebody else commands the output.
     pub(super) async fn returned(self, module: String) {
+        let since = self.config();
         let wanted = self.with(|state| state.wanted(Some(&module), |safety| safety.on_return));
         let outputs: Vec<_> = wanted.into_values().flatten().collect();
         for wanted in [false, true] {
             let these = outputs.iter().filter(|(_, on)| *on == wanted);
-            let begun = these.map(|(place, on)| self.begin_policy(place, *on));
+            let begun = these.map(|(place, on)| self.begin_policy(&since, place, *on));
             self.all(begun.collect::<Vec<_>>()).await;
         }
     }
 
-    fn begin_policy(&self, place: &Place, on: bool) -> impl Future<Output = ()> + Send + use<> {
+    fn begin_policy(
+        &self,
+        since: &Arc<Config>,
+        place: &Place,
+        on: bool,
+    ) -> impl Future<Output = ()> + Send + use<> {
         let (tried, waits) = self.tried();
         let (context, key) = (self.clone(), (place.clone(), Why::OnReturn));
+        let since = Arc::clone(since);
         self.spawn(async move {
             // Those who asked before come before it, and take nothing from it.
             let turn = context.turn_to_end([key.0.clone()]).await;
+            if !same_board(&since, &context.config(), &key.0.module) {
+                // Another board has the name now, which has not returned.
+                return;
+            }
             let wall = context.with(|state| state.now.wall);
             let promise = Promise::after(wall, Duration::ZERO, Some(on));
             let timer = Timer::new(&context, key, promise).at_once(turn, tried);

@@ -2,7 +2,7 @@
 
 use super::batch::{BatchDone, BatchTerms, Part, parts_of};
 use super::context::Context;
-use crate::config::{Place, Scene, Step};
+use crate::config::{Config, Place, Scene, Step};
 use crate::rights::Who;
 use crate::{Failure, WriteTerms};
 use railbus_wire::Micros;
@@ -35,14 +35,12 @@ impl Context {
         scene: &str,
         terms: BatchTerms,
     ) -> Result<BatchDone, Failure> {
-        let steps = self.with(|state| {
-            let known: Option<&Scene> = state.site.config().scenes.get(scene);
-            let steps = known.ok_or(Failure::NoSuchScene)?.steps.clone();
-            match state.playing.insert(scene.to_owned()) {
-                true => Ok(steps),
-                false => Err(Failure::Playing),
-            }
-        })?;
+        let since = self.config();
+        let known: Option<&Scene> = since.scenes.get(scene);
+        let steps = &known.ok_or(Failure::NoSuchScene)?.steps;
+        if !self.with(|state| state.playing.insert(scene.to_owned())) {
+            return Err(Failure::Playing);
+        }
         let _playing = Playing {
             context: self.clone(),
             scene: scene.to_owned(),
@@ -66,7 +64,9 @@ impl Context {
                     {
                         run.outputs.push(next.clone());
                     }
-                    let parts = self.play_run(who, run, going, terms).await;
+                    let parts = self
+                        .play_run(&since, who, run, going.then_some(terms))
+                        .await;
                     going = going && parts.iter().all(|part| part.end.is_ok());
                     done.parts.extend(parts);
                 }
@@ -81,21 +81,33 @@ impl Context {
         self.until(until, self.stopping()).await.is_none()
     }
 
-    async fn play_run(&self, who: &Who, run: Run, going: bool, terms: BatchTerms) -> Vec<Part> {
+    /// One command, at the board that had the name when the scene began; none where an earlier one
+    /// has failed.
+    async fn play_run(
+        &self,
+        since: &Config,
+        who: &Who,
+        run: Run,
+        terms: Option<BatchTerms>,
+    ) -> Vec<Part> {
         let Run {
             module,
             outputs,
             on,
         } = run;
         let set: Vec<_> = outputs.iter().map(|place| (place.point, on)).collect();
-        let write = WriteTerms {
-            verify: terms.verify,
-            confirm: terms.confirm,
-            ..WriteTerms::default()
-        };
-        let end = match going {
-            true => self.write(who, &module, &set, write).await,
-            false => Err(Failure::NotTried),
+        let end = match terms {
+            Some(BatchTerms {
+                verify, confirm, ..
+            }) => {
+                let terms = WriteTerms {
+                    verify,
+                    confirm,
+                    ..WriteTerms::default()
+                };
+                self.write_since(since, who, &module, &set, terms).await
+            }
+            None => Err(Failure::NotTried),
         };
         let ends: Vec<_> = match end {
             Ok(done) => parts_of(&done).into_iter().map(Ok).collect(),

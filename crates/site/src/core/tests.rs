@@ -2,6 +2,7 @@
 
 mod chance;
 mod disk;
+mod names;
 mod outputs;
 mod places;
 mod soak;

@@ -8,11 +8,10 @@
 use super::At;
 use super::context::{Context, TaskId};
 use super::reload::same_board;
-use crate::config::Place;
+use crate::config::{Config, Place};
 use railbus_host::Fault;
 use railbus_wire::Micros;
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::Arc;
 
 /// How many commands may wait for one output.
 pub(super) const WAITING_MAX: usize = 64;
@@ -140,18 +139,31 @@ impl Context {
     /// Waits for the turn with these outputs, at most until then.
     ///
     /// # Errors
-    /// [`Fault::Overloaded`] where too many wait already; [`Fault::Expired`]; [`Fault::Closed`] if
-    /// the name of a module became that of another board meanwhile. Nothing was sent.
+    /// As [`Context::turn_since`].
     pub(super) async fn turn(
         &self,
         places: impl IntoIterator<Item = Place>,
         until: Micros,
     ) -> Result<Turn, Fault> {
+        self.turn_since(&self.config(), places, until).await
+    }
+
+    /// The same for the boards that had the names in an earlier configuration: for work that has
+    /// done something else before.
+    ///
+    /// # Errors
+    /// [`Fault::Overloaded`] where too many wait already; [`Fault::Expired`]; [`Fault::Closed`] if
+    /// the name of a module became that of another board meanwhile. Nothing was sent.
+    pub(super) async fn turn_since(
+        &self,
+        since: &Config,
+        places: impl IntoIterator<Item = Place>,
+        until: Micros,
+    ) -> Result<Turn, Fault> {
         let places: BTreeSet<Place> = places.into_iter().collect();
-        let (is_full, config) = self.with(|state| {
+        let is_full = self.with(|state| {
             let is_full = |place| state.turns.waiting_for(place) >= WAITING_MAX;
-            let is_full = places.iter().any(is_full);
-            (is_full, Arc::clone(state.site.config()))
+            places.iter().any(is_full)
         });
         if is_full {
             return Err(Fault::Overloaded);
@@ -163,7 +175,7 @@ impl Context {
                 let is_same = self.with(|state| {
                     let now = state.site.config();
                     let mut modules = places.iter().map(|place| &place.module);
-                    modules.all(|module| same_board(&config, now, module))
+                    modules.all(|module| same_board(since, now, module))
                 });
                 is_same.then(|| turn.comes(&places)).ok_or(Fault::Closed)
             }

@@ -4,6 +4,7 @@ use super::context::Context;
 use super::order::{Entry, Order, TTL, bank_state, channel, places};
 use super::turns::Turn;
 use crate::Failure;
+use crate::config::Config;
 use crate::config::Place;
 use crate::rights::Who;
 use railbus_device::{Bank, Op, Point};
@@ -76,10 +77,25 @@ impl Context {
         set: &[(Point, bool)],
         terms: WriteTerms,
     ) -> Result<WriteDone, Failure> {
+        let since = self.config();
+        self.write_since(&since, who, module, set, terms).await
+    }
+
+    /// The same at the board that had the name in an earlier configuration, as one of several
+    /// steps: see [`Context::turn_since`].
+    pub(super) async fn write_since(
+        &self,
+        since: &Config,
+        who: &Who,
+        module: &str,
+        set: &[(Point, bool)],
+        terms: WriteTerms,
+    ) -> Result<WriteDone, Failure> {
         let points: Vec<Point> = set.iter().map(|(point, _)| *point).collect();
         self.with(|state| state.may_command(who, module, &points, terms.confirm))?;
         let expires = self.now() + TTL;
-        let turn = self.turn(places(module, &points), expires).await?;
+        let turn = self.turn_since(since, places(module, &points), expires);
+        let turn = turn.await?;
         // Meanwhile the configuration may have changed, or the site begun to end.
         self.with(|state| state.may_command(who, module, &points, terms.confirm))?;
         if let Some(wanted) = terms.only_if {

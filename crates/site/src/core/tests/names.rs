@@ -1,0 +1,160 @@
+//! What takes more than one command, while a reload gives the names that it uses to other boards.
+
+use super::super::*;
+use super::world::{End, World, at, bit, ms, who_is};
+use crate::Failure;
+use railbus_host::Fault;
+
+const PORT: &str = "/dev/ttyS9";
+
+/// The oven and the kiln at these addresses, and more.
+fn site_of(oven: u8, kiln: u8, more: &str) -> String {
+    format!(
+        "[line.main]\nport = \"{PORT}\"\n\
+         [module.oven]\nline = \"main\"\nmodel = \"erc8\"\naddress = {oven}\n\
+         [module.kiln]\nline = \"main\"\nmodel = \"erc8\"\naddress = {kiln}\n{more}"
+    )
+}
+
+/// What the board has done that has the name of the oven after the reload.
+fn done_by_other(world: &World) -> usize {
+    let done = world.acted.iter().filter(|acted| acted.seat.1 == 4);
+    done.count()
+}
+
+/// Gives the name of the oven to the board at address 4.
+fn swap(world: &mut World, more: &str) {
+    let reloaded = world.reload(&site_of(4, 6, more), true);
+    world.pass(ms(2_000));
+    assert!(reloaded.now().is_some());
+}
+
+fn closed() -> Failure {
+    Failure::Line(Fault::Closed)
+}
+
+fn batch(world: &mut World, set: &[(Place, bool)], all_or_nothing: bool) -> End<BatchDone> {
+    let set = set.to_vec();
+    let terms = BatchTerms {
+        all_or_nothing,
+        ..BatchTerms::default()
+    };
+    world.order(move |core| async move { core.batch(&who_is("li"), &set, terms).await })
+}
+
+/// It asks a module of which nothing is known, before its turn.
+#[test]
+fn a_batch_is_for_the_boards_that_it_was_asked_of() {
+    for after in (0..150).step_by(5) {
+        let mut world = World::new(&site_of(3, 6, ""), 1);
+        world.pass(ms(300));
+        world.dead("kiln", true);
+        world.pass(ms(300));
+        let set = [(at("oven", 1), true), (at("kiln", 1), true)];
+        let end = batch(&mut world, &set, true);
+        world.pass(ms(after));
+        swap(&mut world, "");
+        world.pass(ms(10_000));
+        assert_eq!(done_by_other(&world), 0, "{after} ms: {:?}", world.acted);
+        assert!(end.get().is_some());
+        assert_eq!(
+            world.relays_at(PORT, 3),
+            0,
+            "{after} ms: nothing stays done"
+        );
+        assert!(world.state().is_at_rest());
+    }
+}
+
+/// The members of a group are those of the configuration in which it is toggled.
+#[test]
+fn a_group_is_toggled_at_the_boards_that_it_had() {
+    let group = "[group.all]\nmembers = [\"oven.k1\", \"kiln.k1\"]\n";
+    for after in (0..150).step_by(5) {
+        let mut world = World::new(&site_of(3, 6, group), 1);
+        world.pass(ms(300));
+        world.dead("kiln", true);
+        world.pass(ms(300));
+        let end = world.order(|core| async move {
+            let (who, to) = (who_is("li"), GroupState::Toggle);
+            core.set_group(&who, "all", to, BatchTerms::default()).await
+        });
+        world.pass(ms(after));
+        swap(&mut world, group);
+        world.pass(ms(10_000));
+        assert_eq!(done_by_other(&world), 0, "{after} ms: {:?}", world.acted);
+        assert!(end.get().is_some());
+        assert!(world.state().is_at_rest());
+    }
+}
+
+/// What excludes each other is switched in two commands.
+#[test]
+fn the_second_command_of_a_batch_is_for_the_board_of_the_first() {
+    let excluded = "[module.pump]\nline = \"main\"\nmodel = \"erc8\"\naddress = 9\n\
+                    [module.oven.point]\nk1.interlock = [\"pump.k1\"]\n";
+    for after in (0..100).step_by(2) {
+        let mut world = World::new(&site_of(3, 6, excluded), 1);
+        world.move_by_hand("pump", bit(1));
+        world.pass(ms(300));
+        let set = [(at("pump", 1), false), (at("oven", 1), true)];
+        let end = batch(&mut world, &set, false);
+        world.pass(ms(after));
+        swap(&mut world, excluded);
+        world.pass(ms(10_000));
+        assert_eq!(done_by_other(&world), 0, "{after} ms: {:?}", world.acted);
+        let ends: Vec<_> = end.now().parts.into_iter().map(|part| part.end).collect();
+        assert!(ends[0].is_ok(), "{after} ms: {ends:?}");
+        let obeyed = world.relays_at(PORT, 3) & bit(1) != 0;
+        assert_eq!(ends[1].is_ok(), obeyed, "{after} ms: {ends:?}");
+        assert!(obeyed || ends[1] == Err(closed()), "{after} ms: {ends:?}");
+    }
+}
+
+#[test]
+fn a_scene_goes_on_at_the_boards_with_which_it_began() {
+    let scene = "[scene.bake]\nsteps = [{ set = \"kiln.k2\", to = true }, { wait = \"5s\" }, \
+                 { set = \"oven.k1\", to = true }]\n";
+    let mut world = World::new(&site_of(3, 6, scene), 1);
+    world.pass(ms(300));
+    let play = |world: &mut World| {
+        world.order(|core| async move {
+            let terms = BatchTerms::default();
+            core.play(&who_is("li"), "bake", terms).await.unwrap()
+        })
+    };
+    let played = play(&mut world);
+    world.pass(ms(1_000));
+    swap(&mut world, scene);
+    world.pass(ms(10_000));
+    assert_eq!(done_by_other(&world), 0, "{:?}", world.acted);
+    let last = played.now().parts.pop().unwrap();
+    assert_eq!(last.end, Err(closed()));
+    // The next one is for those that have the names now.
+    let played = play(&mut world);
+    world.pass(ms(10_000));
+    assert!(played.now().parts.iter().all(|part| part.end.is_ok()));
+    assert_eq!(world.relays_at(PORT, 4), bit(1));
+}
+
+/// A module answers again while a reload holds its outputs: what that asks for is not done to the
+/// board that has its name afterwards.
+#[test]
+fn the_return_of_a_board_switches_no_other() {
+    let policy = "[module.oven.point]\nk1.on_return = \"on\"\nk2.on_return = \"off\"\n";
+    for after in (0..600).step_by(20) {
+        let mut world = World::new(&site_of(3, 6, policy), 1);
+        world.pass(ms(300));
+        world.dead("oven", true);
+        world.pass(ms(300));
+        world.disk_takes = Some(ms(300));
+        let reloaded = world.reload(&site_of(4, 6, policy), true);
+        world.pass(ms(after));
+        if reloaded.get().is_none() {
+            world.dead("oven", false);
+        }
+        world.pass(ms(10_000));
+        assert_eq!(done_by_other(&world), 0, "{after} ms: {:?}", world.acted);
+        assert!(world.state().is_at_rest());
+    }
+}
