@@ -224,6 +224,11 @@ async fn change(Path((kind, outlet)): Path<(String, String)>, order: Order) -> A
         Ok(kind) => kind,
         Err(problem) => return answer::problem(&problem),
     };
+    let other = order.site.service.config().outlets.get(&outlet).cloned();
+    if kind.table == TABLE && other.is_some_and(|other| other.kind != kind.name) {
+        let taken = Problem::new(codes::ALREADY_THERE).with("kind", TABLE);
+        return answer::problem(&taken.with("name", outlet));
+    }
     let change = |text: &str| {
         let mut settings = keys::<Keys>(&order)?;
         if kind.table == TABLE {

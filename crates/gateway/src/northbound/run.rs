@@ -38,7 +38,7 @@ pub(crate) struct Northbound {
     state: Mutex<State>,
     /// There is an input, or a run has ended.
     pub(super) news: Notify,
-    tests: Semaphore,
+    tests: Arc<Semaphore>,
 }
 
 struct State {
@@ -91,7 +91,7 @@ impl Northbound {
                 lost: lost.into_iter().map(secrets_lost).collect(),
             }),
             news: Notify::new(),
-            tests: Semaphore::new(TESTS_MAX),
+            tests: Arc::new(Semaphore::new(TESTS_MAX)),
         });
         northbound.configure();
         northbound
@@ -300,7 +300,7 @@ impl Northbound {
         what: fn(Outlet) -> Work<T>,
     ) -> Result<T, Problem> {
         let internal = |reason: String| Problem::new(codes::INTERNAL).with("reason", reason);
-        let Ok(_turn) = self.tests.try_acquire() else {
+        let Ok(turn) = Arc::clone(&self.tests).try_acquire_owned() else {
             return Err(Problem::new(codes::OVERLOADED));
         };
         let made = self.look(id, |supervised| {
@@ -320,6 +320,8 @@ impl Northbound {
         let spawned = thread.spawn(move || {
             // Fails if the caller has gone.
             let _ = done.send(outlet::on_this_thread(|| what(outlet)));
+            // Not earlier, though the caller may have gone: a test that hangs counts.
+            drop(turn);
         });
         spawned.map_err(|error| internal(error.to_string()))?;
         let end = end.await.map_err(|error| internal(error.to_string()))?;

@@ -10,6 +10,7 @@ use railbus_store::history::{Event, EventKind, Severity};
 use railbus_words::time::rfc3339;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
+use std::sync::atomic::Ordering::Relaxed;
 use std::sync::atomic::{AtomicU64, AtomicUsize};
 use std::time::Duration;
 
@@ -443,12 +444,16 @@ impl Supervisor {
 
     fn ended(&mut self, now: Moment, run: RunId, why: Problem) {
         self.stuck.remove(&run);
-        self.with(run, |supervisor, id, outlet| match outlet.phase {
-            Phase::Stopping(..) => {
-                outlet.enter(now, Phase::Stopped);
-                supervisor.start(now, id, outlet);
+        self.with(run, |supervisor, id, outlet| {
+            // What waited for it is gone with it.
+            outlet.counts.queue.store(0, Relaxed);
+            match outlet.phase {
+                Phase::Stopping(..) => {
+                    outlet.enter(now, Phase::Stopped);
+                    supervisor.start(now, id, outlet);
+                }
+                _ => supervisor.wait(now, id, outlet, why),
             }
-            _ => supervisor.wait(now, id, outlet, why),
         });
     }
 

@@ -1,9 +1,12 @@
 //! The machinery of outlets, tried with the kind of [`super::textline`].
 
+use super::outlet::Outlet;
 use super::supervisor::{OutletId, Supervised};
 use super::*;
 use railbus_api::outlets::OutletState;
+use railbus_api::problem::codes;
 use railbus_site::Service;
+use railbus_store::audit::Origin;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -170,6 +173,26 @@ async fn one_that_fails_says_why_and_holds_up_no_other() {
     peer.closed().await;
     mended.closed().await;
     assert!(stage.look("bad", |_| ()).is_none());
+}
+
+fn hang(_: Outlet) -> kind::Work<()> {
+    Box::pin(std::future::pending())
+}
+
+#[tokio::test]
+async fn tests_that_hang_are_bounded_though_their_callers_have_gone() {
+    let at = "127.0.0.1:4000".parse().unwrap();
+    let stage = Stage::new("hang", &outlet("x", at, "enabled = false"));
+    let id = OutletId {
+        kind: "textline",
+        name: "x".to_owned(),
+    };
+    let ask = || stage.northbound.aside(&id, Origin::program("li"), hang);
+    for _ in 0..4 {
+        let gone = tokio::time::timeout(std::time::Duration::ZERO, ask()).await;
+        assert!(gone.is_err());
+    }
+    assert_eq!(ask().await.unwrap_err().code, codes::OVERLOADED.code);
 }
 
 #[test]

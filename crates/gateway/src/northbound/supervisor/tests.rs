@@ -136,8 +136,12 @@ fn what_changed_is_restarted_and_nothing_else() {
         stage.config(&other),
         ["start 4 off", "stop 1", "settings 3 2"]
     );
+    let x = stage.supervisor.find(&id(a, "x")).unwrap();
+    x.counts().queue.store(3, Relaxed);
     assert_eq!(stage.state(&id(a, "x")), OutletState::Stopped);
     assert_eq!(stage.ended(1), ["start 5 x"], "once it has stopped");
+    let x = stage.supervisor.find(&id(a, "x")).unwrap();
+    assert_eq!(x.counts().queue.load(Relaxed), 0, "nothing waits any more");
     // Disabled, gone, and another one under the same name while it stops.
     let less = [(a, "x", -2), (b, "z", 2), (a, "off", 1)];
     assert_eq!(stage.config(&less), ["stop 5", "stop 2"]);
