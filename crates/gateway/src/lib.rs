@@ -68,7 +68,7 @@ use access::Gate;
 use config::Desk;
 use guard::Front;
 use keys::Keys;
-use listen::Room;
+use listen::ConnectionLimit;
 use northbound::Northbound;
 use notify::Notify;
 use railbus_api::problem::Problem;
@@ -293,7 +293,7 @@ impl Source {
 }
 
 impl OwnFolder {
-    /// An existing folder belongs to somebody else.
+    /// An existing folder may be another user's: it is never used.
     fn make() -> std::io::Result<OwnFolder> {
         let mut refused = std::io::ErrorKind::AlreadyExists.into();
         for number in 0..OWN_FOLDERS_MAX {
@@ -371,7 +371,7 @@ async fn open_and_serve(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure
         origin: origin.into(),
         tls: tls.clone(),
     };
-    let [room, room_of_socket] = [Room::new(), Room::new()];
+    let [limit, socket_limit] = [ConnectionLimit::new(), ConnectionLimit::new()];
     let front = Arc::new(Front {
         port: address.port(),
         is_tls: tls.is_some(),
@@ -385,12 +385,12 @@ async fn open_and_serve(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure
         tcp,
         tls.clone(),
         over_tcp,
-        room.clone(),
+        limit.clone(),
         stopped.clone(),
     ))];
     if let Ok(socket) = socket {
         let over_socket = routes::router(site, None);
-        let unix = listen::unix(socket, over_socket, room_of_socket.clone(), stopped);
+        let unix = listen::unix(socket, over_socket, socket_limit.clone(), stopped);
         listening.push(tokio::spawn(unix));
     }
 
@@ -409,7 +409,7 @@ async fn open_and_serve(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure
     notify.tell(notify::STOPPING);
     deadline::after(deadline::END_MAX, move || {
         let failure = Failure::of(lang, Code::CutOff);
-        complain_of(lang, &failure);
+        warn_of(lang, &failure);
         std::process::exit(failure.code().exit().into());
     });
     // Fails if there is no receiver left.
@@ -418,7 +418,7 @@ async fn open_and_serve(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure
         // Fails if it panicked, which was reported.
         let _ = task.await;
     }
-    tokio::join!(room.emptied(), room_of_socket.emptied());
+    tokio::join!(limit.emptied(), socket_limit.emptied());
     service.close().await;
     // Outlets are notified of the stop, too.
     tokio::join!(stores.close(&service), northbound.close());
@@ -451,7 +451,7 @@ fn reload_tls(lang: Lang, tls: Option<&Tls>) {
             let fingerprint = tls.fingerprint();
             say(&lang.fill(GatewayText::TlsRead, &[("fingerprint", &fingerprint)]));
         }
-        Err(problem) => complain_of(lang, &Failure::of_problem(lang, &problem)),
+        Err(problem) => warn_of(lang, &Failure::of_problem(lang, &problem)),
     }
 }
 
@@ -492,8 +492,8 @@ async fn reload(lang: Lang, service: &Service, desk: &Desk) {
             say(&lang.fill(GatewayText::Reloaded, values));
         }
         Err(problem) => {
-            complain_of(lang, &Failure::of_problem(lang, &problem));
-            complain(lang.get(GatewayText::NotReloaded));
+            warn_of(lang, &Failure::of_problem(lang, &problem));
+            warn(lang.get(GatewayText::NotReloaded));
         }
     }
 }
@@ -533,18 +533,18 @@ fn announce(
     ));
 }
 
-/// The output may be closed; the site is served all the same.
+/// Stdout may be closed; the site is served anyway.
 fn say(text: &str) {
     let mut stdout = std::io::stdout();
     let _ = writeln!(stdout, "{text}").and_then(|()| stdout.flush());
 }
 
-fn complain(text: &str) {
+fn warn(text: &str) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }
 
-fn complain_of(lang: Lang, failure: &Failure) {
-    complain(&failure.render_within(lang, width::of_errors()));
+fn warn_of(lang: Lang, failure: &Failure) {
+    warn(&failure.render_within(lang, width::of_errors()));
 }
 
 /// What a signal asks for.

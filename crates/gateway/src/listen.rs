@@ -44,7 +44,7 @@ type Place = (Arc<Seat>, Option<OfAddress>);
 /// Limits connections. When it is full, the one is closed that has been waiting for its client for
 /// longest: slow or idle clients keep nobody out.
 #[derive(Clone, Debug)]
-pub(super) struct Room {
+pub(super) struct ConnectionLimit {
     places: Arc<Semaphore>,
     seats: Arc<Mutex<Seats>>,
 }
@@ -65,9 +65,9 @@ struct Taken {
     leave: Arc<Notify>,
 }
 
-impl Room {
-    pub(super) fn new() -> Room {
-        Room {
+impl ConnectionLimit {
+    pub(super) fn new() -> ConnectionLimit {
+        ConnectionLimit {
             places: Arc::new(Semaphore::new(CONNECTIONS_MAX)),
             seats: Arc::default(),
         }
@@ -81,7 +81,7 @@ impl Room {
     async fn place(&self) -> Option<Arc<Seat>> {
         let permit = loop {
             if self.places.available_permits() == 0 {
-                self.make_room();
+                self.close_longest_idle();
             }
             let place = Arc::clone(&self.places).acquire_owned();
             match tokio::time::timeout(PAUSE, place).await {
@@ -101,7 +101,7 @@ impl Room {
         seats.taken.insert(number, taken);
         drop(seats);
         Some(Arc::new(Seat {
-            room: self.clone(),
+            limit: self.clone(),
             number,
             leave,
             _permit: permit,
@@ -109,7 +109,7 @@ impl Room {
     }
 
     /// Closes the connection that has been waiting for its client for longest, if any.
-    fn make_room(&self) {
+    fn close_longest_idle(&self) {
         let mut seats = self.seats();
         let awaited = seats
             .taken
@@ -131,7 +131,7 @@ impl Room {
 /// A connection's slot.
 #[derive(Debug)]
 struct Seat {
-    room: Room,
+    limit: ConnectionLimit,
     number: u64,
     /// The slot is needed for another connection.
     leave: Arc<Notify>,
@@ -142,7 +142,7 @@ impl Seat {
     /// Notes whether it is the client's turn or the daemon's.
     fn awaits_client(&self, awaits: bool) {
         let now = awaits.then(Instant::now);
-        if let Some(seat) = self.room.seats().taken.get_mut(&self.number) {
+        if let Some(seat) = self.limit.seats().taken.get_mut(&self.number) {
             seat.awaited = now;
         }
     }
@@ -150,7 +150,7 @@ impl Seat {
 
 impl Drop for Seat {
     fn drop(&mut self) {
-        self.room.seats().taken.remove(&self.number);
+        self.limit.seats().taken.remove(&self.number);
     }
 }
 
@@ -266,7 +266,7 @@ pub(super) async fn tcp(
     listener: TcpListener,
     tls: Option<Arc<Tls>>,
     router: Router,
-    room: Room,
+    limit: ConnectionLimit,
     mut stop: watch::Receiver<bool>,
 ) {
     let addresses = Addresses::default();
@@ -285,7 +285,7 @@ pub(super) async fn tcp(
         };
         let place = tokio::select! {
             () = ended(&mut stop) => return,
-            place = room.place() => place,
+            place = limit.place() => place,
         };
         let Some(place) = place else {
             continue;
@@ -333,13 +333,13 @@ async fn greet(
 pub(super) async fn unix(
     socket: Socket,
     router: Router,
-    room: Room,
+    limit: ConnectionLimit,
     mut stop: watch::Receiver<bool>,
 ) {
     loop {
         let accepted = tokio::select! {
             () = ended(&mut stop) => return,
-            accepted = async { (socket.listener.accept().await, room.place().await) } => accepted,
+            accepted = async { (socket.listener.accept().await, limit.place().await) } => accepted,
         };
         let (Ok((stream, _)), Some(place)) = accepted else {
             tokio::time::sleep(PAUSE).await;
@@ -399,10 +399,10 @@ mod tests {
 
     #[tokio::test(start_paused = true)]
     async fn who_is_awaited_longest_makes_room_and_who_is_served_stays() {
-        let room = Room::new();
+        let limit = ConnectionLimit::new();
         let mut seats = Vec::new();
         for _ in 0..CONNECTIONS_MAX {
-            seats.push(room.place().await.expect("a place"));
+            seats.push(limit.place().await.expect("a place"));
         }
         let leaves = |seat: &Arc<Seat>| Arc::clone(&seat.leave);
         // The first is being served, the second has waited longest, the third was active lately.
@@ -410,8 +410,8 @@ mod tests {
         seats[2].awaits_client(true);
         let (first, second) = (leaves(&seats[0]), leaves(&seats[1]));
         let one_more = tokio::spawn({
-            let room = room.clone();
-            async move { room.place().await }
+            let limit = limit.clone();
+            async move { limit.place().await }
         });
         second.notified().await;
         seats.remove(1);
@@ -419,14 +419,14 @@ mod tests {
         for seat in &seats {
             seat.awaits_client(false);
         }
-        let waits = tokio::time::timeout(10 * PAUSE, room.place()).await;
+        let waits = tokio::time::timeout(10 * PAUSE, limit.place()).await;
         assert!(waits.is_err(), "all are served");
         let told = tokio::time::timeout(PAUSE, first.notified()).await;
         assert!(told.is_err(), "it stays");
         drop(seats);
-        assert!(room.seats().taken.is_empty());
-        room.emptied().await;
-        assert!(room.place().await.is_some());
+        assert!(limit.seats().taken.is_empty());
+        limit.emptied().await;
+        assert!(limit.place().await.is_some());
     }
 
     #[test]
