@@ -19,7 +19,7 @@ use railbus_api::types::SCHEMA;
 use railbus_app::api::past::{self, AUDIT_COLUMNS, audit_text, unread};
 use railbus_site::paths::split;
 use railbus_store::audit::{AuditLog, Filter};
-use railbus_store::history::{Ack, Asked as Wanted, EventKind, millis};
+use railbus_store::history::{Ack, EventKind, EventQuery, millis};
 use std::time::SystemTime;
 
 /// The routes of this file.
@@ -79,7 +79,7 @@ async fn page(site: &Site, asked: &Asked) -> Result<EventPage, Problem> {
         Some(name) => Some(EventKind::from_name(name).ok_or_else(|| unreadable("kind"))?),
     };
     let filter = filter(asked)?;
-    let wanted = Wanted {
+    let wanted = EventQuery {
         before: asked.get("cursor").cloned(),
         limit: limit(asked)?,
         kind,

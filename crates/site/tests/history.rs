@@ -4,7 +4,7 @@
 use railbus_site::{Config, Service};
 use railbus_store::audit::Origin;
 use railbus_store::history::{
-    Ack, Asked, Chart, Event, EventKind, Grade, History, HistoryError, Keep, Sample, Severity,
+    Ack, Chart, Event, EventKind, EventQuery, Grade, History, HistoryError, Keep, Sample, Severity,
     Spread,
 };
 use std::path::PathBuf;
@@ -144,7 +144,7 @@ async fn events_are_told_in_pages_and_acknowledged() {
     let first = followed.next().await.unwrap().unwrap();
     assert_eq!((first.text.as_deref(), first.id.len()), (Some("0"), 26));
     let history = service.history().unwrap();
-    let ask = |before: Option<String>, kind| Asked {
+    let ask = |before: Option<String>, kind| EventQuery {
         before,
         limit: 3,
         kind,
@@ -257,9 +257,9 @@ async fn garbage_is_put_aside_and_a_new_history_begun() {
     let aside: Vec<_> = entries.filter(aside).collect();
     assert_eq!(aside.len(), 1);
     assert_eq!(std::fs::read(aside[0].path()).unwrap(), [0x5A; 20_000]);
-    let kept = history.events(Asked {
+    let kept = history.events(EventQuery {
         limit: 10,
-        ..Asked::default()
+        ..EventQuery::default()
     });
     let kept = kept.await.unwrap();
     assert!(

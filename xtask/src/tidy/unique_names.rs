@@ -23,7 +23,6 @@ const KNOWN: &[(&str, usize)] = &[
     ("Access", 2),
     ("Act", 2),
     ("Ask", 2),
-    ("Asked", 2),
     ("By", 2),
     ("Calibration", 2),
     ("Change", 2),

@@ -7,7 +7,7 @@ use crate::config::{Place, Rule, When};
 use jiff::tz::TimeZone;
 use railbus_store::history::millis;
 use railbus_store::history::{
-    Asked, Event, EventKind, Grade, History, HistoryError, PIECE_MAX, Sample,
+    Event, EventKind, EventQuery, Grade, History, HistoryError, PIECE_MAX, Sample,
 };
 
 /// The maximum number of samples that one run reads.
@@ -142,12 +142,12 @@ async fn of_events(
     ];
     let (mut events, mut known_since) = (Vec::new(), since);
     for (kind, module, is_wanted) in wanted {
-        let asked = Asked {
+        let asked = EventQuery {
             kind: Some(kind),
             module: module.cloned(),
             limit: EVENTS,
             before: None,
-            ..Asked::default()
+            ..EventQuery::default()
         };
         let (found, reached) = back_to(history, asked, since, is_wanted).await?;
         events.extend(found);
@@ -166,7 +166,7 @@ async fn of_events(
 /// The wanted events since the last one before a moment, and from when on they are complete.
 async fn back_to(
     history: &History,
-    mut asked: Asked,
+    mut asked: EventQuery,
     since: i64,
     is_wanted: Wanted<'_>,
 ) -> Result<(Vec<Event>, i64), HistoryError> {

@@ -64,7 +64,7 @@ impl From<rusqlite::Error> for HistoryError {
 
 /// A filter for events.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Asked {
+pub struct EventQuery {
     /// Those before the one with this ID.
     pub before: Option<String>,
     /// At most this many.
@@ -287,7 +287,7 @@ impl History {
     ///
     /// # Errors
     /// [`HistoryError`].
-    pub async fn events(&self, asked: Asked) -> Result<KeptEvents, HistoryError> {
+    pub async fn events(&self, asked: EventQuery) -> Result<KeptEvents, HistoryError> {
         self.written().await;
         self.readers.read(move |db| events(db, &asked)).await
     }
@@ -371,7 +371,7 @@ fn chart(
 const COLUMNS: &str = "id, t, kind, severity, module, point, line, who, via, what, before, after, \
                        \"end\", code, text, ack_who, ack_t, ack_comment";
 
-fn events(db: &Connection, asked: &Asked) -> Result<KeptEvents, HistoryError> {
+fn events(db: &Connection, asked: &EventQuery) -> Result<KeptEvents, HistoryError> {
     let mut sql = format!("SELECT {COLUMNS} FROM events WHERE id < ?1");
     let newest = asked.before.clone().unwrap_or_else(|| "~".to_owned());
     let mut values = vec![Value::Text(newest)];
