@@ -12,7 +12,7 @@ mod writer;
 pub use chart::{BUCKETS_MAX, Bucket, Chart, Spread};
 pub use event::{Ack, Event, EventKind, Severity};
 pub use prune::Keep;
-pub use read::{EventQuery, HistoryError, Kept, KeptEvents, PIECE_MAX, Storage};
+pub use read::{EventQuery, HistoryError, KeptEvents, PIECE_MAX, Storage, StoredEvent};
 
 use read::Readers;
 use std::path::Path;

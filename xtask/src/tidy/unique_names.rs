@@ -38,7 +38,6 @@ const KNOWN: &[(&str, usize)] = &[
     ("Frame", 2),
     ("Heard", 2),
     ("Keeper", 2),
-    ("Kept", 2),
     ("Kind", 3),
     ("Line", 2),
     ("LineConfig", 3),

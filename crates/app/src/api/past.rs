@@ -9,7 +9,7 @@ use railbus_api::problem::{Problem, codes};
 use railbus_api::types::SCHEMA;
 use railbus_store::audit::{Logged, Numbered, Record, Verified};
 use railbus_store::history::{
-    Bucket, Chart, Event, HistoryError, Kept, Sample, Severity, Storage, millis,
+    Bucket, Chart, Event, HistoryError, Sample, Severity, Storage, StoredEvent, millis,
 };
 
 /// A timestamp of the database as RFC 3339.
@@ -88,7 +88,7 @@ pub fn of_event(event: Event) -> EventInfo {
 }
 
 /// A stored event.
-pub fn of_kept(kept: Kept) -> EventInfo {
+pub fn of_kept(kept: StoredEvent) -> EventInfo {
     EventInfo {
         acked: kept.acked.map(|ack| AckInfo {
             who: ack.who,

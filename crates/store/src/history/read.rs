@@ -79,7 +79,7 @@ pub struct EventQuery {
 
 /// A stored event.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Kept {
+pub struct StoredEvent {
     /// The event.
     pub event: Event,
     /// Its acknowledgement.
@@ -90,7 +90,7 @@ pub struct Kept {
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct KeptEvents {
     /// The newest first.
-    pub events: Vec<Kept>,
+    pub events: Vec<StoredEvent>,
     /// The ID before which to continue; `None` if there are no more.
     pub next: Option<String>,
 }
@@ -296,7 +296,7 @@ impl History {
     ///
     /// # Errors
     /// [`HistoryError`].
-    pub async fn kept_event(&self, id: &str) -> Result<Option<Kept>, HistoryError> {
+    pub async fn kept_event(&self, id: &str) -> Result<Option<StoredEvent>, HistoryError> {
         self.written().await;
         let id = id.to_owned();
         let question = move |db: &Connection| {
@@ -400,7 +400,7 @@ fn events(db: &Connection, asked: &EventQuery) -> Result<KeptEvents, HistoryErro
     );
     let mut statement = db.prepare_cached(&sql)?;
     let rows = statement.query_map(params_from_iter(values), kept)?;
-    let mut events: Vec<Kept> = rows.collect::<Result<_, _>>()?;
+    let mut events: Vec<StoredEvent> = rows.collect::<Result<_, _>>()?;
     let more = events.len() as i64 > limit;
     events.truncate(usize::try_from(limit).unwrap_or_default());
     let last = events.last().map(|kept| kept.event.id.clone());
@@ -408,7 +408,7 @@ fn events(db: &Connection, asked: &EventQuery) -> Result<KeptEvents, HistoryErro
     Ok(KeptEvents { events, next })
 }
 
-fn kept(row: &Row<'_>) -> rusqlite::Result<Kept> {
+fn kept(row: &Row<'_>) -> rusqlite::Result<StoredEvent> {
     let kind: String = row.get(2)?;
     let severity: String = row.get(3)?;
     let at: i64 = row.get(1)?;
@@ -437,7 +437,7 @@ fn kept(row: &Row<'_>) -> rusqlite::Result<Kept> {
         }),
         _ => None,
     };
-    Ok(Kept { event, acked })
+    Ok(StoredEvent { event, acked })
 }
 
 fn storage(db: &Connection) -> Result<Storage, HistoryError> {
