@@ -1,7 +1,7 @@
 //! What survives the daemon: history and audit log, in the state folder.
 
 use railbus_site::Service;
-use railbus_store::audit::{AuditLog, Found};
+use railbus_store::audit::{AuditLog, OpenReport};
 use railbus_store::history::{Event, EventKind, History, Severity};
 use std::path::Path;
 
@@ -65,7 +65,7 @@ fn tell(service: &Service, severity: Severity, code: &str, text: impl ToString) 
 }
 
 /// Reports what was found when the log was opened.
-fn tell_found(service: &Service, found: &Found) {
+fn tell_found(service: &Service, found: &OpenReport) {
     if let Some(aside) = &found.put_aside {
         tell(service, Severity::Error, "audit_put_aside", aside.display());
     } else if found.cut {

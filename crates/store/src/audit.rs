@@ -12,7 +12,7 @@ pub use log::{AuditLog, NotWritten};
 pub use read::{
     Exported, Filter, LogPage, LogPosition, Logged, Verified, export_folder, verify_folder,
 };
-pub use tail::Found;
+pub use tail::OpenReport;
 
 use crate::ulid::Ulids;
 use std::collections::VecDeque;

@@ -34,7 +34,7 @@ const KNOWN: &[(&str, usize)] = &[
     ("Failure", 2),
     ("Fault", 2),
     ("Finding", 2),
-    ("Found", 4),
+    ("Found", 3),
     ("Frame", 2),
     ("Heard", 2),
     ("Keeper", 2),

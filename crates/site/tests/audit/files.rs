@@ -34,7 +34,7 @@ async fn one_chain_goes_through_all_files() {
     let folder = Folder::new("audit-files");
     let ids = three_files(&folder).await;
     let (log, found) = reopened(&folder.0).await;
-    assert_eq!(found, Found::default());
+    assert_eq!(found, OpenReport::default());
     let verified = log.verify().await.unwrap();
     assert_eq!((verified.first, verified.broken_at), (1, None));
     assert_eq!(verified.entries, ids.len() as u64);
@@ -150,7 +150,7 @@ async fn cut_off_between_two_files_it_goes_on() {
         }
         assert_eq!(checked(&folder.0).broken_at, None);
         let (log, found) = reopened(&folder.0).await;
-        assert_eq!(found, Found::default());
+        assert_eq!(found, OpenReport::default());
         assert_eq!(log.verify().await.unwrap().broken_at, None);
         assert_eq!(all_ends(&log).await.len(), ids.len());
         drop(log);

@@ -5,7 +5,7 @@ mod files;
 use railbus_device::{Point, PointKind};
 use railbus_host::Fault;
 use railbus_site::{Config, Failure, Service, WriteTerms};
-use railbus_store::audit::{AuditLog, Filter, Found, Verified, verify_folder};
+use railbus_store::audit::{AuditLog, Filter, OpenReport, Verified, verify_folder};
 use std::collections::BTreeMap;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -60,7 +60,7 @@ async fn site(folder: &Path) -> Service {
 }
 
 /// The log of a folder, once whoever had it before has let go of it.
-async fn reopened(folder: &Path) -> (AuditLog, Found) {
+async fn reopened(folder: &Path) -> (AuditLog, OpenReport) {
     for _ in 0..1_000 {
         if let Ok(opened) = AuditLog::open(folder) {
             return opened;

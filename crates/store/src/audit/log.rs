@@ -3,7 +3,7 @@
 
 use super::chain::Record;
 use super::read::{Filter, LogPage, LogPosition, Verified};
-use super::tail::{Found, Reach, Tail};
+use super::tail::{OpenReport, Reach, Tail};
 use super::{Exported, read};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -50,7 +50,7 @@ impl AuditLog {
     ///
     /// # Errors
     /// The system's error; `WouldBlock` if another program has it open.
-    pub fn open(folder: &Path) -> std::io::Result<(AuditLog, Found)> {
+    pub fn open(folder: &Path) -> std::io::Result<(AuditLog, OpenReport)> {
         let (tail, found) = Tail::open(folder)?;
         let reach = Arc::new(Mutex::new(tail.reach.clone()));
         let kept = Arc::new(AtomicU64::new(u64::MAX));

@@ -42,7 +42,7 @@ impl Reach {
 
 /// What was found when the log was opened.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Found {
+pub struct OpenReport {
     /// A partially written last record of this many bytes was removed.
     pub torn: u64,
     /// The entries that were in progress when the program ended: their results are unknown.
@@ -66,12 +66,12 @@ pub(super) struct Tail {
 
 impl Tail {
     /// Opens the log of a folder and finds its end.
-    pub(super) fn open(folder: &Path) -> Result<(Tail, Found)> {
+    pub(super) fn open(folder: &Path) -> Result<(Tail, OpenReport)> {
         std::fs::create_dir_all(folder)?;
         let head = files::open_or_make(&folder.join(HEAD))?;
         lock(&head)?;
         let path = files::newest(folder);
-        let mut found = Found::default();
+        let mut found = OpenReport::default();
         let before = before_newest(folder, &mut found)?;
         let mut file = files::open_or_make(&path)?;
         let reach = match find_end(&mut file, before.as_ref(), &mut found)? {
@@ -96,7 +96,7 @@ impl Tail {
     }
 
     /// Records that the log was opened, and what was found.
-    fn begin(&mut self, found: &mut Found) -> Result<()> {
+    fn begin(&mut self, found: &mut OpenReport) -> Result<()> {
         let mut records = Vec::new();
         if let Some(head) = self.head()
             && !self.reaches(&head)
@@ -246,7 +246,7 @@ pub(super) fn hold(folder: &Path) -> Result<Option<File>> {
 }
 
 /// The last record before the newest file, and the entries open then; `None` if not known.
-fn before_newest(folder: &Path, found: &mut Found) -> Result<Option<Mark>> {
+fn before_newest(folder: &Path, found: &mut OpenReport) -> Result<Option<Mark>> {
     let Some(first) = files::all_full(folder)?.pop() else {
         return Ok(Some(files::anchor(folder)));
     };
@@ -259,7 +259,7 @@ fn before_newest(folder: &Path, found: &mut Found) -> Result<Option<Mark>> {
 }
 
 /// Keeps a broken log under another name, and starts a new one.
-fn put_aside(path: &Path, found: &mut Found) -> Result<File> {
+fn put_aside(path: &Path, found: &mut OpenReport) -> Result<File> {
     let now = millis(SystemTime::now()).unsigned_abs();
     let aside = path.with_file_name(format!("audit.broken-{now}.log"));
     std::fs::rename(path, &aside)?;
@@ -270,7 +270,11 @@ fn put_aside(path: &Path, found: &mut Found) -> Result<File> {
 }
 
 /// The end of the log; `None` if its last part is not a chain. A partial write is removed.
-fn find_end(file: &mut File, before: Option<&Mark>, found: &mut Found) -> Result<Option<Reach>> {
+fn find_end(
+    file: &mut File,
+    before: Option<&Mark>,
+    found: &mut OpenReport,
+) -> Result<Option<Reach>> {
     let len = file.metadata()?.len();
     let start = len.saturating_sub(WINDOW);
     let window = read_at(file, start, len)?;
