@@ -15,7 +15,7 @@ pub enum PortError {
         holder: Option<Holder>,
     },
     /// The user has no permission to open it.
-    Permission(Access),
+    Permission(PortAccess),
     /// It exists, but is not a terminal.
     NotATty,
     /// The other end refuses the connection.
@@ -45,7 +45,7 @@ pub struct Holder {
 
 /// The permissions of a port.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Access {
+pub struct PortAccess {
     /// The user ID of the owner.
     pub owner: u32,
     /// The group ID.
@@ -61,7 +61,7 @@ const POWERFUL: [&str; 10] = [
     "root", "adm", "admin", "disk", "docker", "kmem", "lxd", "shadow", "sudo", "wheel",
 ];
 
-impl Access {
+impl PortAccess {
     /// The group to join for access to the device, if joining it is reasonable.
     #[must_use]
     pub fn group_to_join(&self) -> Option<&str> {
@@ -133,7 +133,7 @@ mod tests {
     #[test]
     fn nobody_is_told_to_join_a_group_that_may_do_everything() {
         let of = |group: u32, name: &str, mode| {
-            let access = Access {
+            let access = PortAccess {
                 owner: 0,
                 group,
                 group_name: Some(name.to_owned()),

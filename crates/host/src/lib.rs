@@ -56,7 +56,7 @@ mod task;
 mod tcp;
 mod wake_flag;
 
-pub use error::{Access, Holder, PortError};
+pub use error::{Holder, PortAccess, PortError};
 pub use event::{Events, LineEvent, LineState, Observer};
 pub use line::{Done, JOBS_MAX, LATE_MAX, Line, LineConfig, ModuleChanges, ProbeResult, reply_in};
 pub use mbtcp::ModbusTcpPort;

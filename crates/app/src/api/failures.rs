@@ -4,7 +4,7 @@ use railbus_api::problem::{Kind, Problem, codes};
 use railbus_api::types::LineInfo;
 use railbus_bus::Evidence;
 use railbus_device::{Point, Refusal};
-use railbus_host::{Access, Fault, LineState, PortError, Presence};
+use railbus_host::{Fault, LineState, PortAccess, PortError, Presence};
 use railbus_site::config::Problem as ConfigProblem;
 use railbus_site::{Failure, Service};
 use railbus_wire::Micros;
@@ -229,7 +229,7 @@ pub fn line_closed(service: &Service, line: &str) -> Problem {
 
 /// How to get access to a port: through its group, or, if users can't join that, with a rule that
 /// assigns the device to one they can.
-pub fn right_to(port: &str, access: &Access) -> String {
+pub fn right_to(port: &str, access: &PortAccess) -> String {
     if let Some(group) = access.group_to_join() {
         return format!("sudo usermod -aG {group} $USER");
     }

@@ -4,7 +4,7 @@ use super::finding::{Finding, Section};
 use crate::machine::Machine;
 use crate::machine::ports::{Adapter, adapters as all};
 use crate::machine::users::{User, group};
-use railbus_host::{Access, PortError};
+use railbus_host::{PortAccess, PortError};
 
 /// A CH340, which brltty takes for a Braille display.
 const CH340: (u16, u16) = (0x1A86, 0x7523);
@@ -134,7 +134,7 @@ pub fn closed(
 }
 
 /// The group is that of the device, since it differs between systems.
-fn denied(machine: &Machine, user: &User, device: &str, access: &Access) -> Finding {
+fn denied(machine: &Machine, user: &User, device: &str, access: &PortAccess) -> Finding {
     let in_books = group(machine, access.group, &user.name);
     let name = access.group_name.clone();
     let name = name.or_else(|| in_books.as_ref().map(|(name, _)| name.clone()));
@@ -146,7 +146,7 @@ fn denied(machine: &Machine, user: &User, device: &str, access: &Access) -> Find
         return Finding::error(Section::Port, "D109", detail).with_advice(format!("newgrp {name}"));
     }
     let finding = Finding::error(Section::Port, "D102", detail);
-    let named = Access {
+    let named = PortAccess {
         group_name: Some(name),
         ..access.clone()
     };
@@ -217,7 +217,7 @@ mod tests {
     fn rights_are_judged_by_the_device_and_by_the_login() {
         let tree = Fixture::new("doctor-rights");
         tree.file("/etc/group", "dialout:x:20:\n");
-        let access = Access {
+        let access = PortAccess {
             owner: 0,
             group: 20,
             group_name: Some("dialout".to_owned()),
@@ -242,7 +242,7 @@ mod tests {
         let found = told(&tree.machine(), &inside);
         assert_eq!((found.code, found.fix.len()), (Some("D102"), 0));
         // The group has no access: joining it does not help.
-        let closed_to_group = Access {
+        let closed_to_group = PortAccess {
             mode: 0o600,
             ..access
         };

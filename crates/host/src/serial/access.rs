@@ -1,15 +1,15 @@
 //! The permissions of a port, for the error when they are missing.
 
-use crate::Access;
+use crate::PortAccess;
 use std::fs;
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 
 /// The permissions of a device. Read from the device itself, because the group differs between
 /// systems.
-pub(crate) fn of(path: &Path) -> Access {
+pub(crate) fn of(path: &Path) -> PortAccess {
     match fs::metadata(path) {
-        Ok(device) => Access {
+        Ok(device) => PortAccess {
             owner: device.uid(),
             group: device.gid(),
             group_name: fs::read_to_string("/etc/group")
@@ -17,7 +17,7 @@ pub(crate) fn of(path: &Path) -> Access {
                 .and_then(|groups| name_of(&groups, device.gid())),
             mode: device.mode() & 0o7777,
         },
-        Err(_) => Access::default(),
+        Err(_) => PortAccess::default(),
     }
 }
 
@@ -47,6 +47,6 @@ mod tests {
     fn the_rights_are_those_of_the_device() {
         let access = of(Path::new("/dev/null"));
         assert_eq!((access.owner, access.mode), (0, 0o666));
-        assert_eq!(of(Path::new("/dev/none such")), Access::default());
+        assert_eq!(of(Path::new("/dev/none such")), PortAccess::default());
     }
 }
