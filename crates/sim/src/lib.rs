@@ -51,5 +51,5 @@ mod trace;
 
 pub use faults::{Chance, Faults, Injected, Span};
 pub use line::{Chunks, Input, Line, LineConfig, Output};
-pub use slot::{Act, Counts, ModuleId, Power};
+pub use slot::{Act, ModuleCounts, ModuleId, Power};
 pub use trace::{Trace, TraceDirection, TraceEntry};

@@ -7,7 +7,7 @@ mod talking;
 use crate::random::Random;
 use crate::slot::Slot;
 use crate::talk::{NEVER, State, Talk, Talker};
-use crate::{Act, Counts, Faults, Injected, ModuleId, Trace, TraceDirection};
+use crate::{Act, Faults, Injected, ModuleCounts, ModuleId, Trace, TraceDirection};
 use railbus_device::{Eeprom, Effect, Engine, Options, Setup, SetupError};
 use railbus_wire::{Instant, Micros, Settings};
 use std::collections::VecDeque;
@@ -300,7 +300,7 @@ impl Line {
 
     /// Counts for the module so far.
     #[must_use]
-    pub fn counts(&self, module: ModuleId) -> Counts {
+    pub fn counts(&self, module: ModuleId) -> ModuleCounts {
         self.slots[module.0].counts
     }
 

@@ -54,7 +54,7 @@ pub enum Power {
 
 /// Counts for a module since it was added.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counts {
+pub struct ModuleCounts {
     /// Replies, including those suppressed by a fault.
     pub replies: u64,
     /// Writes to its EEPROM over the line.
@@ -79,7 +79,7 @@ pub(crate) struct Slot {
     pub(crate) own_faults: Faults,
     /// Combined with those of the line.
     pub(crate) faults: Faults,
-    pub(crate) counts: Counts,
+    pub(crate) counts: ModuleCounts,
     /// Its LED is on.
     pub(crate) lit: bool,
     setup: Setup,
@@ -114,7 +114,7 @@ impl Slot {
             power_at: NEVER,
             own_faults: Faults::NONE,
             faults: Faults::NONE,
-            counts: Counts::default(),
+            counts: ModuleCounts::default(),
             lit: false,
             setup: *setup,
             options,
