@@ -24,7 +24,7 @@ pub use ask::{Ask, Question, SLOW_TIMEOUT};
 pub use found::{Detail, Found, Verdict};
 pub use identify::{Answer, Identity};
 pub use planner::Scanner;
-pub use reach::{Counts, LeftOut, Place, Progress};
+pub use reach::{LeftOut, Place, Progress, ScanCounts};
 pub use scope::{Depth, Known, Run, SPEEDS, Scope, Wish};
 
 use railbus_bus::LateReply;

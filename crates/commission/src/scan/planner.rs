@@ -4,7 +4,7 @@ use super::ask::{Ask, PATIENCE, Question};
 use super::case::{Case, Turn};
 use super::identify;
 use super::likely::Likely;
-use super::{Counts, Found, LeftOut, Met, Place, Progress, Scope, Step};
+use super::{Found, LeftOut, Met, Place, Progress, ScanCounts, Scope, Step};
 use railbus_bus::LateReply;
 use railbus_bus::Probed;
 use railbus_wire::{Address, Frame, Instant, Micros, Settings, r55};
@@ -76,7 +76,7 @@ pub struct Scanner {
     slowest: Micros,
     news: VecDeque<usize>,
     found: Vec<Found>,
-    counts: Counts,
+    counts: ScanCounts,
     done: usize,
     total: usize,
     cost_done: Micros,
@@ -135,7 +135,7 @@ impl Scanner {
             slowest: Micros::ZERO,
             news: VecDeque::new(),
             found: Vec::new(),
-            counts: Counts::default(),
+            counts: ScanCounts::default(),
             done: 0,
             total: 0,
             cost_done: Micros::ZERO,
@@ -164,7 +164,7 @@ impl Scanner {
 
     /// Statistics so far.
     #[must_use]
-    pub const fn counts(&self) -> Counts {
+    pub const fn counts(&self) -> ScanCounts {
         self.counts
     }
 

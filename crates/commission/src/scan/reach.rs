@@ -16,7 +16,7 @@ pub struct Place {
 
 /// The statistics of a scan.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counts {
+pub struct ScanCounts {
     /// Frames sent.
     pub probes: usize,
     /// First requests without a reply.
