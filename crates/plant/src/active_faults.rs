@@ -1,6 +1,6 @@
 //! The active faults: which, until when, and their effects.
 
-use railbus_sim::{Chance, Faults, Span};
+use railbus_sim::{Chance, DurationRange, Faults};
 use railbus_site::config::{Fault, FaultOrder, Noise};
 use railbus_wire::{Instant, Micros, Settings};
 
@@ -117,7 +117,7 @@ impl ActiveFaults {
 /// Adds one fault. Those without randomness are handled by the stage.
 fn add(faults: &mut Faults, fault: Fault, serial: Settings) {
     let chance = Chance::per_million;
-    let same = |time| Span {
+    let same = |time| DurationRange {
         from: time,
         to: time,
     };
@@ -141,11 +141,11 @@ fn add(faults: &mut Faults, fault: Fault, serial: Settings) {
         }
         Fault::Delay(from, to) => {
             faults.late = Chance::ALWAYS;
-            faults.late_by = Span { from, to };
+            faults.late_by = DurationRange { from, to };
         }
         Fault::Duplicate(part) => {
             faults.again = chance(part);
-            faults.again_after = Span::millis(2, 20);
+            faults.again_after = DurationRange::millis(2, 20);
         }
         Fault::Split(part, pause) => {
             faults.pieces = chance(part);
@@ -153,7 +153,7 @@ fn add(faults: &mut Faults, fault: Fault, serial: Settings) {
         }
         Fault::Babble(Some(part)) => {
             faults.babble = chance(part);
-            faults.babble_for = Span::millis(50, 500);
+            faults.babble_for = DurationRange::millis(50, 500);
         }
         Fault::Cuts(every, away) => {
             faults.cut_every = Some(every);

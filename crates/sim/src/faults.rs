@@ -43,18 +43,18 @@ impl Chance {
 
 /// A range of durations to draw from, inclusive.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Span {
+pub struct DurationRange {
     /// The shortest.
     pub from: Micros,
     /// The longest.
     pub to: Micros,
 }
 
-impl Span {
+impl DurationRange {
     /// A range in milliseconds.
     #[must_use]
-    pub const fn millis(from: u64, to: u64) -> Span {
-        Span {
+    pub const fn millis(from: u64, to: u64) -> DurationRange {
+        DurationRange {
             from: Micros::from_millis(from),
             to: Micros::from_millis(to),
         }
@@ -82,23 +82,23 @@ pub struct Faults {
     /// Per reply: sent late, and the module receives nothing until it has been sent.
     pub late: Chance,
     /// The delay.
-    pub late_by: Span,
+    pub late_by: DurationRange,
     /// Per reply: sent twice.
     pub again: Chance,
     /// The time from the end of the first one to the second.
-    pub again_after: Span,
+    pub again_after: DurationRange,
     /// Per reply: sent in two to four pieces.
     pub pieces: Chance,
     /// The pause between pieces.
-    pub pause: Span,
+    pub pause: DurationRange,
     /// Per reply: garbage is sent instead.
     pub babble: Chance,
     /// The duration of the garbage.
-    pub babble_for: Span,
+    pub babble_for: DurationRange,
     /// The mean time between losses of power.
     pub cut_every: Option<Micros>,
     /// The duration of a loss of power.
-    pub cut_for: Span,
+    pub cut_for: DurationRange,
     /// The mean time between bursts of noise of one to three characters; only while the line is
     /// idle, and only when set for the line.
     pub noise_every: Option<Micros>,
@@ -115,15 +115,15 @@ impl Faults {
         glitch_before: Chance::NEVER,
         glitch_after: Chance::NEVER,
         late: Chance::NEVER,
-        late_by: Span::millis(0, 0),
+        late_by: DurationRange::millis(0, 0),
         again: Chance::NEVER,
-        again_after: Span::millis(0, 0),
+        again_after: DurationRange::millis(0, 0),
         pieces: Chance::NEVER,
-        pause: Span::millis(0, 0),
+        pause: DurationRange::millis(0, 0),
         babble: Chance::NEVER,
-        babble_for: Span::millis(0, 0),
+        babble_for: DurationRange::millis(0, 0),
         cut_every: None,
-        cut_for: Span::millis(0, 0),
+        cut_for: DurationRange::millis(0, 0),
         noise_every: None,
     };
 
@@ -142,7 +142,7 @@ impl Faults {
     /// The faults of a module on a line: both combined, with the module's own durations where it
     /// has that fault itself.
     pub(crate) const fn on(self, line: Faults) -> Faults {
-        const fn times(own: Chance, module: Span, line: Span) -> Span {
+        const fn times(own: Chance, module: DurationRange, line: DurationRange) -> DurationRange {
             if own.0 == 0 { line } else { module }
         }
         let (cut_every, cut_for) = match self.cut_every {

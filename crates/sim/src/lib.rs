@@ -49,7 +49,7 @@ mod slot;
 mod talk;
 mod trace;
 
-pub use faults::{Chance, Faults, Injected, Span};
+pub use faults::{Chance, DurationRange, Faults, Injected};
 pub use line::{Chunks, Input, Line, LineConfig, Output};
 pub use slot::{Act, ModuleCounts, ModuleId, Power};
 pub use trace::{Trace, TraceDirection, TraceEntry};

@@ -1,6 +1,6 @@
 //! The only source of randomness: a seed reproduces a run.
 
-use crate::{Chance, Span};
+use crate::{Chance, DurationRange};
 use railbus_wire::Micros;
 
 /// xoshiro256++ by Blackman and Vigna, seeded by splitmix64.
@@ -44,14 +44,14 @@ impl Random {
     }
 
     /// A duration within the range, inclusive.
-    pub(crate) fn within(&mut self, span: Span) -> Micros {
+    pub(crate) fn within(&mut self, span: DurationRange) -> Micros {
         let width = (span.to - span.from).0.saturating_add(1);
         span.from + Micros(self.below(width))
     }
 
     /// A duration that is `mean` on average: 0 to twice that.
     pub(crate) fn around(&mut self, mean: Micros) -> Micros {
-        self.within(Span {
+        self.within(DurationRange {
             from: Micros(1),
             to: mean * 2,
         })
@@ -81,7 +81,7 @@ mod tests {
     #[test]
     fn spans_include_both_ends() {
         let mut random = Random::new(7);
-        let span = Span {
+        let span = DurationRange {
             from: Micros(3),
             to: Micros(5),
         };

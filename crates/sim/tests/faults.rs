@@ -3,7 +3,7 @@
 mod support;
 
 use railbus_device::{Eeprom, Effect, Family, Setup};
-use railbus_sim::{Act, Chance, Faults, Injected, LineConfig, ModuleId, Power, Span};
+use railbus_sim::{Act, Chance, DurationRange, Faults, Injected, LineConfig, ModuleId, Power};
 use railbus_wire::{Address, Instant, Micros, PulseWidth, Settings};
 use support::{Bench, hex, show};
 
@@ -51,7 +51,7 @@ fn glitches_come_before_and_after_a_reply() {
 fn a_late_reply_is_as_late_as_it_says() {
     let (heard, injected) = asked(Faults {
         late: Chance::ALWAYS,
-        late_by: Span::millis(250, 250),
+        late_by: DurationRange::millis(250, 250),
         ..Faults::NONE
     });
     let at = after(8) + Micros::from_millis(250);
@@ -63,7 +63,7 @@ fn a_late_reply_is_as_late_as_it_says() {
 fn a_reply_comes_again() {
     let (heard, injected) = asked(Faults {
         again: Chance::ALWAYS,
-        again_after: Span::millis(50, 50),
+        again_after: DurationRange::millis(50, 50),
         ..Faults::NONE
     });
     let second = after(16) + Micros::from_millis(50);
@@ -77,7 +77,7 @@ fn a_reply_comes_again() {
 fn a_reply_comes_in_pieces() {
     let (heard, injected) = asked(Faults {
         pieces: Chance::ALWAYS,
-        pause: Span::millis(20, 20),
+        pause: DurationRange::millis(20, 20),
         ..Faults::NONE
     });
     assert!((2..=4).contains(&heard.len()), "{heard:?}");
@@ -140,7 +140,7 @@ fn a_lost_character_is_heard_by_nobody() {
 fn garbage_comes_in_place_of_a_reply() {
     let (heard, injected) = asked(Faults {
         babble: Chance::ALWAYS,
-        babble_for: Span::millis(200, 200),
+        babble_for: DurationRange::millis(200, 200),
         ..Faults::NONE
     });
     let count: usize = heard.iter().map(|(_, text)| hex(text).len()).sum();
@@ -267,7 +267,7 @@ fn a_loss_of_power_cuts_a_reply_short() {
 fn chance_cuts_the_power_and_brings_it_back() {
     let (mut bench, oven) = oven_with(Faults {
         cut_every: Some(Micros::from_secs(1)),
-        cut_for: Span::millis(10, 20),
+        cut_for: DurationRange::millis(10, 20),
         ..Faults::NONE
     });
     let change_address = "01 06 00 00 00 07 C8 08";

@@ -3,7 +3,7 @@
 mod support;
 
 use railbus_sim::demo;
-use railbus_sim::{Act, Chance, Chunks, Faults, LineConfig, Power, Span};
+use railbus_sim::{Act, Chance, Chunks, DurationRange, Faults, LineConfig, Power};
 use railbus_wire::Micros;
 use support::{Bench, hex};
 
@@ -21,15 +21,15 @@ fn all_faults() -> Faults {
         glitch_before: now_and_then,
         glitch_after: now_and_then,
         late: now_and_then,
-        late_by: Span::millis(1, 400),
+        late_by: DurationRange::millis(1, 400),
         again: now_and_then,
-        again_after: Span::millis(0, 200),
+        again_after: DurationRange::millis(0, 200),
         pieces: now_and_then,
-        pause: Span::millis(0, 30),
+        pause: DurationRange::millis(0, 30),
         babble: now_and_then,
-        babble_for: Span::millis(10, 100),
+        babble_for: DurationRange::millis(10, 100),
         cut_every: Some(Micros::from_secs(10)),
-        cut_for: Span::millis(1, 1_000),
+        cut_for: DurationRange::millis(1, 1_000),
         noise_every: Some(Micros::from_secs(1)),
     }
 }

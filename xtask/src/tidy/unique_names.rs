@@ -57,7 +57,6 @@ const KNOWN: &[(&str, usize)] = &[
     ("Reply", 2),
     ("Rules", 2),
     ("Settings", 2),
-    ("Span", 2),
     ("State", 2),
     ("Step", 3),
     ("Store", 2),

@@ -3,7 +3,7 @@
 use crate::bench::{Bench, module};
 use railbus_commission::scan::{Detail, Known, LeftOut, Scanner, Scope, Verdict, Wish};
 use railbus_device::{Family, Setup};
-use railbus_sim::{Chance, Faults, Span};
+use railbus_sim::{Chance, DurationRange, Faults};
 use railbus_wire::{Address, Baud, Micros, Protocol, Settings};
 
 fn at_9600(family: Family, address: u8, protocol: Protocol) -> Setup {
@@ -34,7 +34,7 @@ fn late_replies_are_found_and_no_other_in_their_place() {
             let id = bench.add(&at_9600(family, address, protocol), 5);
             let faults = Faults {
                 late: Chance::ALWAYS,
-                late_by: Span::millis(slow, slow),
+                late_by: DurationRange::millis(slow, slow),
                 ..Faults::NONE
             };
             if late {
@@ -109,7 +109,7 @@ fn a_module_that_answers_twice_is_told_of() {
         let twice = bench.add(&at_9600(Family::Eda9060a, 7, protocol), 5);
         let again = Faults {
             again: Chance::ALWAYS,
-            again_after: Span::millis(pause, pause),
+            again_after: DurationRange::millis(pause, pause),
             ..Faults::NONE
         };
         bench.line.set_module_faults(twice, again);

@@ -4,7 +4,7 @@
 use crate::bench::{Bench, module};
 use railbus_commission::scan::{Depth, SLOW_TIMEOUT, Scanner, Scope, Step, Wish};
 use railbus_device::{Family, Setup};
-use railbus_sim::{Chance, Faults, Span};
+use railbus_sim::{Chance, DurationRange, Faults};
 use railbus_wire::{Baud, Micros, Protocol};
 
 fn at_9600(family: Family, address: u8, protocol: Protocol) -> Setup {
@@ -131,7 +131,7 @@ fn nobody_is_waited_for_where_somebody_was_found() {
         let id = bench.add(&at_9600(Family::Eda9060a, address, Protocol::Ascii), 5);
         let faults = Faults {
             late: Chance::ALWAYS,
-            late_by: Span::millis(late, late),
+            late_by: DurationRange::millis(late, late),
             ..Faults::NONE
         };
         bench.line.set_module_faults(id, faults);

@@ -2,7 +2,7 @@
 
 use crate::dice::Dice;
 use railbus_device::{Eeprom, Family, Layout, Options, Setup};
-use railbus_sim::{Chance, Chunks, Faults, LineConfig, Span};
+use railbus_sim::{Chance, Chunks, DurationRange, Faults, LineConfig};
 use railbus_wire::{Address, Baud, Character, Micros, Protocol, PulseWidth, Settings};
 
 /// A line to run.
@@ -23,7 +23,7 @@ pub(crate) struct Stalls {
     /// The mean time from the end of one to the beginning of the next.
     pub(crate) every: Micros,
     /// How long one lasts.
-    pub(crate) time: Span,
+    pub(crate) time: DurationRange,
 }
 
 /// A module of a line.
@@ -52,19 +52,19 @@ pub(crate) const CAMPAIGNS: [Named<Faults>; 10] = [
     }),
     ("late replies", |dice| Faults {
         late: dice.percent(2, 15),
-        late_by: Span::millis(20, 450),
+        late_by: DurationRange::millis(20, 450),
         ..Faults::NONE
     }),
     // Of the adapter or the network: see [`Stalls`].
     ("replies held back", |_| Faults::NONE),
     ("duplicated replies", |dice| Faults {
         again: dice.percent(30, 90),
-        again_after: Span::millis(0, 60),
+        again_after: DurationRange::millis(0, 60),
         ..Faults::NONE
     }),
     ("replies in pieces", |dice| Faults {
         pieces: dice.percent(10, 60),
-        pause: Span::millis(1, 25),
+        pause: DurationRange::millis(1, 25),
         ..Faults::NONE
     }),
     ("glitches and noise", |dice| Faults {
@@ -80,27 +80,27 @@ pub(crate) const CAMPAIGNS: [Named<Faults>; 10] = [
     }),
     ("power cuts and babble", |dice| Faults {
         cut_every: Some(Micros::from_secs(dice.between(5, 60))),
-        cut_for: Span::millis(50, 3000),
+        cut_for: DurationRange::millis(50, 3000),
         babble: Chance::per_million(dice.between(500, 5000) as u32),
-        babble_for: Span::millis(10, 400),
+        babble_for: DurationRange::millis(10, 400),
         ..Faults::NONE
     }),
     ("all of it", |dice| Faults {
         lose_request: dice.percent(0, 3),
         lose_reply: dice.percent(0, 3),
         late: dice.percent(1, 6),
-        late_by: Span::millis(20, 450),
+        late_by: DurationRange::millis(20, 450),
         pieces: dice.percent(1, 10),
-        pause: Span::millis(1, 25),
+        pause: DurationRange::millis(1, 25),
         glitch_before: dice.percent(0, 5),
         glitch_after: dice.percent(0, 5),
         noise_every: Some(Micros::from_secs(dice.between(1, 20))),
         flip: Chance::per_million(dice.between(10, 300) as u32),
         lose_character: Chance::per_million(dice.between(10, 300) as u32),
         cut_every: Some(Micros::from_secs(dice.between(30, 300))),
-        cut_for: Span::millis(50, 3000),
+        cut_for: DurationRange::millis(50, 3000),
         babble: Chance::per_million(dice.between(10, 500) as u32),
-        babble_for: Span::millis(10, 400),
+        babble_for: DurationRange::millis(10, 400),
         ..Faults::NONE
     }),
 ];
@@ -173,7 +173,7 @@ pub(crate) fn plant(line: usize, campaign: usize, seed: u64) -> Plant {
     };
     let stalls = (CAMPAIGNS[campaign].0 == "replies held back").then(|| Stalls {
         every: Micros::from_millis(dice.between(300, 5000)),
-        time: Span::millis(20, 5000),
+        time: DurationRange::millis(20, 5000),
     });
     Plant {
         line,

@@ -6,7 +6,7 @@ use crate::plants::{Plant, Stalls};
 use railbus_bus as bus;
 use railbus_device::{Bank, Effect, Family, Module, Observation, Op};
 use railbus_sim as sim;
-use railbus_sim::Span;
+use railbus_sim::DurationRange;
 use railbus_wire::{Channel, Instant, Micros, Protocol, r55};
 
 /// The parameters of a run.
@@ -181,7 +181,7 @@ impl Run {
     /// Holds back all received bytes for a time.
     fn stall(&mut self) {
         let Some(stalls) = self.stalls else { return };
-        let Span { from, to } = stalls.time;
+        let DurationRange { from, to } = stalls.time;
         self.stalled_until = self.now + Micros(self.dice.between(from.0, to.0));
         self.next_stall = self.stalled_until + self.around(stalls.every);
         self.report.faults += 1;
