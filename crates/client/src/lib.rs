@@ -54,7 +54,7 @@ pub struct Remote {
 
 /// The resolution of a history.
 #[derive(Clone, Copy, Debug)]
-pub enum Detail {
+pub enum Resolution {
     /// Everything: every sample if there are only a few, otherwise buckets.
     Stretches(usize),
     /// In buckets of this many milliseconds.
@@ -360,13 +360,13 @@ impl Remote {
         &self,
         point: &str,
         (from, to): (i64, i64),
-        detail: Detail,
+        detail: Resolution,
     ) -> Result<HistoryInfo, Problem> {
         let point = encoded(point);
         let detail = match detail {
-            Detail::Stretches(count) => format!("buckets={count}"),
-            Detail::Step(millis) => format!("step={millis}"),
-            Detail::Last(count) => format!("limit={count}"),
+            Resolution::Stretches(count) => format!("buckets={count}"),
+            Resolution::Step(millis) => format!("step={millis}"),
+            Resolution::Last(count) => format!("limit={count}"),
         };
         let path = format!("/api/v1/history?point={point}&from={from}&to={to}&{detail}");
         self.get(&path).await

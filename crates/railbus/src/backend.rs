@@ -15,7 +15,7 @@ use railbus_api::types::{
 };
 use railbus_app::api::{convert, failures};
 use railbus_app::config_file::{self, Why};
-pub(crate) use railbus_client::{Borrowed, Detail, Frames, Remote};
+pub(crate) use railbus_client::{Borrowed, Frames, Remote, Resolution};
 use railbus_device::{Family, Layout};
 use railbus_host::Tap;
 use railbus_wire::{Character, Protocol};

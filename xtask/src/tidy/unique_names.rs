@@ -26,7 +26,6 @@ const KNOWN: &[(&str, usize)] = &[
     ("Calibration", 2),
     ("Change", 2),
     ("Confirmed", 2),
-    ("Detail", 2),
     ("Engine", 2),
     ("Events", 2),
     ("Failure", 2),

@@ -4,7 +4,7 @@ mod texts;
 
 use super::Context;
 use crate::args;
-use crate::backend::{Detail, Remote};
+use crate::backend::{Remote, Resolution};
 use clap::{Arg, ArgMatches, Command, value_parser};
 use jiff::civil::{DateTime, Time};
 use jiff::tz::TimeZone;
@@ -148,11 +148,11 @@ impl Options {
 
     /// Condensed over the whole period, unless only the last values are wanted. One more than the
     /// limit shows whether there are others.
-    fn detail(self) -> Detail {
+    fn detail(self) -> Resolution {
         match (self.step, self.limit) {
-            (Some(step), _) => Detail::Step(step.unsigned_abs()),
-            (None, Some(limit)) => Detail::Last(limit + 1),
-            (None, None) => Detail::Stretches(LINES / 2),
+            (Some(step), _) => Resolution::Step(step.unsigned_abs()),
+            (None, Some(limit)) => Resolution::Last(limit + 1),
+            (None, None) => Resolution::Stretches(LINES / 2),
         }
     }
 }
