@@ -87,9 +87,9 @@ impl Frames {
 
 /// The records of a log, line by line.
 #[derive(Debug)]
-pub struct Records(TextLines);
+pub struct LogLines(TextLines);
 
-impl Records {
+impl LogLines {
     /// The next one; `None` at the end.
     pub async fn next(&mut self) -> Option<Result<String, Problem>> {
         self.0.next().await
@@ -378,11 +378,11 @@ impl Remote {
     }
 
     /// Every record of the audit log.
-    pub async fn audit(&self, is_csv: bool) -> Result<Records, Problem> {
+    pub async fn audit(&self, is_csv: bool) -> Result<LogLines, Problem> {
         let form = if is_csv { "csv" } else { "ndjson" };
         let path = format!("/api/v1/audit/export?format={form}&lang=en");
         let answer = send(&self.socket, Method::GET, &path, Vec::new()).await?;
-        Ok(Records(answer.lines().await?))
+        Ok(LogLines(answer.lines().await?))
     }
 
     /// Sends any other request, to a path below that of the API.

@@ -50,7 +50,6 @@ const KNOWN: &[(&str, usize)] = &[
     ("Reading", 2),
     ("Reason", 2),
     ("Record", 3),
-    ("Records", 2),
     ("Refused", 2),
     ("Remote", 2),
     ("Reply", 2),
