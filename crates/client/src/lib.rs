@@ -47,7 +47,7 @@ const SEARCH: Duration = Duration::from_secs(5);
 /// The daemon behind a socket. Requests fail with the problem that it reports, or with
 /// [`codes::DAEMON`] if it can't be reached.
 #[derive(Clone, Debug)]
-pub struct Remote {
+pub struct DaemonClient {
     socket: PathBuf,
     site: SiteInfo,
 }
@@ -141,9 +141,9 @@ impl Drop for Borrowed {
     }
 }
 
-impl Remote {
+impl DaemonClient {
     /// Connects to the daemon at this socket, and asks which site it serves.
-    pub async fn at(socket: &Path) -> Result<Remote, Problem> {
+    pub async fn at(socket: &Path) -> Result<DaemonClient, Problem> {
         let asked = async {
             send(socket, Method::GET, SITE, Vec::new())
                 .await?
@@ -162,18 +162,18 @@ impl Remote {
                 false => problem,
             }
         })?;
-        Ok(Remote {
+        Ok(DaemonClient {
             site: read(socket, &body)?,
             socket: socket.to_owned(),
         })
     }
 
     /// The daemons at the usual places; or why one gives no valid answer.
-    pub async fn usual() -> Vec<Result<Remote, Problem>> {
+    pub async fn usual() -> Vec<Result<DaemonClient, Problem>> {
         let mut found = Vec::new();
         for socket in socket::places() {
             if UnixStream::connect(&socket).await.is_ok() {
-                found.push(Remote::at(&socket).await);
+                found.push(DaemonClient::at(&socket).await);
             }
         }
         found

@@ -15,7 +15,7 @@ use railbus_api::types::{
 };
 use railbus_app::api::{convert, failures};
 use railbus_app::config_file::{self, Why};
-pub(crate) use railbus_client::{Borrowed, Frames, Remote, Resolution};
+pub(crate) use railbus_client::{Borrowed, DaemonClient, Frames, Resolution};
 use railbus_device::{Family, Layout};
 use railbus_host::Tap;
 use railbus_wire::{Character, Protocol};
@@ -84,7 +84,7 @@ pub(crate) enum Backend {
     /// A site opened here.
     Local(Local),
     /// The daemon, over its socket.
-    Daemon(Remote),
+    Daemon(DaemonClient),
 }
 
 /// The traffic of one line, event by event.
@@ -147,7 +147,7 @@ fn unreached(lang: Lang, socket: &Path, problem: Problem) -> Problem {
 }
 
 /// A daemon answers, but serves another site.
-fn other_site(lang: Lang, daemon: &Remote, file: &Path) -> Problem {
+fn other_site(lang: Lang, daemon: &DaemonClient, file: &Path) -> Problem {
     let (socket, file) = (daemon.socket().display(), config_file::real(file));
     let (served, file) = (daemon.name(lang), file.display());
     let reasons = match lang {
@@ -188,20 +188,20 @@ impl Backend {
     /// configuration named by a flag is the one to use, whatever else is served. If only the
     /// working directory says which site is meant, a daemon that serves another site is refused, so
     /// that the wrong relay can't be switched (docs/decisions/0025).
-    pub(crate) async fn daemon(options: &Options) -> Result<Option<Remote>, Problem> {
+    pub(crate) async fn daemon(options: &Options) -> Result<Option<DaemonClient>, Problem> {
         if options.goes_direct() {
             return Ok(None);
         }
         let own = config_file::chosen(options.config.as_deref()).ok();
         if let Some(socket) = &options.socket {
-            let daemon = Remote::at(socket).await;
+            let daemon = DaemonClient::at(socket).await;
             let daemon = daemon.map_err(|problem| unreached(options.lang, socket, problem))?;
             return match &options.config {
                 Some(file) if !daemon.serves(file) => Err(other_site(options.lang, &daemon, file)),
                 _ => Ok(Some(daemon)),
             };
         }
-        let found = Remote::usual().await;
+        let found = DaemonClient::usual().await;
         let Some((file, why)) = own else {
             return found.into_iter().next().transpose();
         };

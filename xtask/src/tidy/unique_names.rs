@@ -51,7 +51,6 @@ const KNOWN: &[(&str, usize)] = &[
     ("Reason", 2),
     ("Record", 3),
     ("Refused", 2),
-    ("Remote", 2),
     ("Reply", 2),
     ("Rules", 2),
     ("Settings", 2),

@@ -1,7 +1,7 @@
 //! Access to the accounts: through the daemon, or in the file of the state folder if none runs.
 
 use super::Context;
-use crate::backend::Remote;
+use crate::backend::DaemonClient;
 use hyper::Method;
 use railbus_api::problem::{Problem, codes};
 use railbus_app::failure::Failure;
@@ -23,7 +23,7 @@ pub(super) enum AccountRequest<'a> {
 
 /// What holds the accounts.
 enum Accounts {
-    Daemon(Remote),
+    Daemon(DaemonClient),
     File(Arc<Gate>),
 }
 
@@ -50,7 +50,7 @@ impl Accounts {
     }
 }
 
-async fn of_daemon(daemon: &Remote, request: &AccountRequest<'_>) -> Result<Value, Problem> {
+async fn of_daemon(daemon: &DaemonClient, request: &AccountRequest<'_>) -> Result<Value, Problem> {
     let nothing = json!({});
     let (method, path, body) = match request {
         AccountRequest::Users => (Method::GET, vec!["users"], &nothing),

@@ -5,7 +5,7 @@ mod texts;
 
 use super::Context;
 use crate::args;
-use crate::backend::Remote;
+use crate::backend::DaemonClient;
 use crate::texts::Text;
 use clap::{ArgMatches, Command};
 use railbus_api::past::VerifiedInfo;
@@ -111,7 +111,7 @@ fn export(context: &Context) -> Result<(), Failure> {
     })
 }
 
-async fn copy(context: &Context, daemon: &Remote, is_csv: bool) -> Result<(), Failure> {
+async fn copy(context: &Context, daemon: &DaemonClient, is_csv: bool) -> Result<(), Failure> {
     let failed = |problem: Problem| context.failure(&problem);
     let mut lines = daemon.audit(is_csv).await.map_err(failed)?;
     while let Some(line) = lines.next().await {

@@ -2,7 +2,7 @@
 
 use super::trace::{TraceText, Tracers};
 use crate::args::{LAST, flag};
-use crate::backend::{AdHoc, AdHocModule, Backend, Options, Remote};
+use crate::backend::{AdHoc, AdHocModule, Backend, DaemonClient, Options};
 use crate::texts::Text;
 use clap::builder::FalseyValueParser;
 use clap::{Arg, ArgAction, ArgMatches, value_parser};
@@ -58,7 +58,7 @@ pub(crate) struct Context {
     /// The user was told whose daemon is used.
     has_told: Cell<bool>,
     /// The lines that this command has borrowed from daemons.
-    borrowed: RefCell<Vec<(Remote, String)>>,
+    borrowed: RefCell<Vec<(DaemonClient, String)>>,
 }
 
 /// The files of a site, and the daemon that serves it.
@@ -67,7 +67,7 @@ pub(crate) struct Files {
     pub(crate) config: PathBuf,
     /// The state folder.
     pub(crate) state: PathBuf,
-    pub(crate) daemon: Option<Remote>,
+    pub(crate) daemon: Option<DaemonClient>,
 }
 
 /// The flags that every command has.
@@ -179,7 +179,7 @@ impl Context {
 
     /// The daemon to use, if there is one and no flag forbids it. If nothing in this folder says
     /// which site is meant, the user is told whose daemon it is.
-    pub(crate) async fn daemon(&self) -> Result<Option<Remote>, Failure> {
+    pub(crate) async fn daemon(&self) -> Result<Option<DaemonClient>, Failure> {
         let daemon = Backend::daemon(&self.options).await;
         let daemon = daemon.map_err(|problem| self.failure(&problem))?;
         if let Some(daemon) = &daemon
@@ -196,7 +196,7 @@ impl Context {
     }
 
     /// Notes a borrowed line: it is given back before this command ends.
-    pub(crate) fn has_borrowed(&self, daemon: &Remote, line: &str) {
+    pub(crate) fn has_borrowed(&self, daemon: &DaemonClient, line: &str) {
         self.borrowed
             .borrow_mut()
             .push((daemon.clone(), line.to_owned()));

@@ -4,7 +4,7 @@ mod texts;
 
 use super::Context;
 use crate::args;
-use crate::backend::{Remote, Resolution};
+use crate::backend::{DaemonClient, Resolution};
 use clap::{Arg, ArgMatches, Command, value_parser};
 use jiff::civil::{DateTime, Time};
 use jiff::tz::TimeZone;
@@ -197,7 +197,7 @@ fn keep_last(history: &mut HistoryInfo, limit: usize) -> bool {
 
 /// The history, and what is known about the point.
 async fn ask(
-    daemon: Option<Remote>,
+    daemon: Option<DaemonClient>,
     path: &str,
     options: Options,
 ) -> Result<(HistoryInfo, Option<PointInfo>), Problem> {

@@ -10,7 +10,7 @@ mod texts;
 use super::place::{self, Place};
 use super::{Context, stop, wireshark};
 use crate::args;
-use crate::backend::Remote;
+use crate::backend::DaemonClient;
 use clap::{Arg, ArgAction, ArgMatches, Command, value_parser};
 use filter::Filter;
 use railbus_api::problem::Problem;
@@ -259,7 +259,10 @@ impl<'a> Hearing<'a> {
     }
 
     /// The daemon has the line: what it sees of it is shown.
-    async fn at_daemon(&mut self, daemon: &Remote) -> Result<(Source, ListenedLine), Failure> {
+    async fn at_daemon(
+        &mut self,
+        daemon: &DaemonClient,
+    ) -> Result<(Source, ListenedLine), Failure> {
         let context = self.context;
         let failed = |problem: Problem| context.failure(&problem);
         let frames = daemon.frames(context.line.as_deref()).await;

@@ -1,7 +1,7 @@
 //! Exclusive access to a line of the daemon.
 
 use super::texts::ConfigText;
-use crate::backend::{Borrowed, Remote};
+use crate::backend::{Borrowed, DaemonClient};
 use crate::commands::Context;
 use railbus_app::config_file::{self, Why};
 use railbus_app::failure::Failure;
@@ -18,8 +18,8 @@ pub(super) async fn borrow(
     }
     let options = &context.options;
     let daemons = match &options.socket {
-        Some(socket) => vec![Remote::at(socket).await],
-        None => Remote::usual().await,
+        Some(socket) => vec![DaemonClient::at(socket).await],
+        None => DaemonClient::usual().await,
     };
     // A port named by flags is borrowed whichever site it belongs to; a file only from the daemon
     // of its site.
@@ -49,7 +49,7 @@ pub(super) async fn borrow(
 /// Borrows the line from this daemon.
 async fn borrow_of(
     context: &Context,
-    daemon: &Remote,
+    daemon: &DaemonClient,
     port: &LineName,
 ) -> Result<Option<Borrowed>, Failure> {
     let failed = |problem| context.failure(&problem);

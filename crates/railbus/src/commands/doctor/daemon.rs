@@ -1,7 +1,7 @@
 //! The daemon: whether it runs, and who may use it.
 
 use super::texts::DoctorText;
-use crate::backend::Remote;
+use crate::backend::DaemonClient;
 use railbus_app::doctor::{self, Finding, Section};
 use railbus_app::failure::Failure;
 use railbus_app::machine::users::User;
@@ -45,7 +45,7 @@ async fn of_socket(lang: Lang, path: &PathBuf, user: &User) -> Vec<Finding> {
     match UnixStream::connect(path) {
         Ok(_) => {
             let mut outlets = Vec::new();
-            let mut found = vec![match Remote::at(path).await {
+            let mut found = vec![match DaemonClient::at(path).await {
                 Ok(daemon) => {
                     // A daemon of an earlier version has none.
                     outlets = daemon.outlets().await.unwrap_or_default();

@@ -2,7 +2,7 @@
 
 use super::options::Options;
 use super::texts::ScanText;
-use crate::backend::Remote;
+use crate::backend::DaemonClient;
 use crate::commands::Context;
 use crate::commands::place::Place;
 use railbus_app::config_file;
@@ -88,7 +88,7 @@ pub(super) fn add(
 }
 
 /// The configuration, its text, and the daemon that uses it; a new configuration if there is none.
-fn file(context: &Context) -> Result<(PathBuf, String, Option<Remote>), Failure> {
+fn file(context: &Context) -> Result<(PathBuf, String, Option<DaemonClient>), Failure> {
     let (path, daemon) = match context.block(context.files()) {
         Ok(files) => (files.config, files.daemon),
         Err(failure) if failure.code() == Code::NoConfig => (config_file::NAME.into(), None),
