@@ -6,7 +6,7 @@ use crate::codes::{GARBLED, Page};
 
 /// A kind of finding.
 #[derive(Clone, Copy, Debug)]
-pub struct Finding {
+pub struct FindingKind {
     /// Its code, such as `D301`.
     pub code: &'static str,
     /// Its explanation.
@@ -14,7 +14,7 @@ pub struct Finding {
 }
 
 /// The finding with this code.
-pub fn find(code: &str) -> Option<&'static Finding> {
+pub fn find(code: &str) -> Option<&'static FindingKind> {
     ALL.iter()
         .find(|known| known.code.eq_ignore_ascii_case(code))
 }
@@ -24,8 +24,8 @@ const fn finding(
     title: [&'static str; 2],
     likely: [&'static str; 2],
     next: [&'static str; 2],
-) -> Finding {
-    Finding {
+) -> FindingKind {
+    FindingKind {
         code,
         page: Page {
             title,
@@ -36,7 +36,7 @@ const fn finding(
 }
 
 /// All of them, by code.
-pub const ALL: &[Finding] = &[
+pub const ALL: &[FindingKind] = &[
     finding(
         "D101",
         ["the clock is wrong", "时钟不对"],

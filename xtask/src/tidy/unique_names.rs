@@ -30,7 +30,6 @@ const KNOWN: &[(&str, usize)] = &[
     ("Events", 2),
     ("Failure", 2),
     ("Fault", 2),
-    ("Finding", 2),
     ("Found", 3),
     ("Frame", 2),
     ("Heard", 2),
