@@ -7,7 +7,7 @@ mod log;
 mod read;
 mod tail;
 
-pub use chain::{Numbered, Record};
+pub use chain::{AuditRecord, Numbered};
 pub use log::{AuditLog, NotWritten};
 pub use read::{
     Exported, Filter, LogPage, LogPosition, Logged, Verified, export_folder, verify_folder,
@@ -180,7 +180,7 @@ impl Audit {
             None if self.missing.load(Ordering::Relaxed) => Err(NotWritten),
             None => Ok(()),
             Some(log) => {
-                let record = Record::Begin {
+                let record = AuditRecord::Begin {
                     id: id.clone(),
                     who: note.origin.who.clone(),
                     via: note.origin.via.clone(),
@@ -213,7 +213,7 @@ impl Audit {
             entry.end = Some(end);
         }
         if let Some(log) = self.log.get() {
-            let record = Record::End {
+            let record = AuditRecord::End {
                 id: id.to_owned(),
                 end: end.name().to_owned(),
                 after,

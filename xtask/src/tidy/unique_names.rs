@@ -48,7 +48,7 @@ const KNOWN: &[(&str, usize)] = &[
     ("Question", 2),
     ("Reading", 2),
     ("Reason", 2),
-    ("Record", 3),
+    ("Record", 2),
     ("Refused", 2),
     ("Reply", 2),
     ("Rules", 2),

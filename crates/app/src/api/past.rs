@@ -7,7 +7,7 @@ use railbus_api::past::{
 };
 use railbus_api::problem::{Problem, codes};
 use railbus_api::types::SCHEMA;
-use railbus_store::audit::{Logged, Numbered, Record, Verified};
+use railbus_store::audit::{AuditRecord, Logged, Numbered, Verified};
 use railbus_store::history::{
     Bucket, Chart, Event, HistoryError, Sample, Severity, Storage, StoredEvent, millis,
 };
@@ -146,7 +146,7 @@ pub fn audit_row(hash: &str, numbered: &Numbered) -> [String; AUDIT_COLUMNS.len(
     let own = String::clone;
     let none = String::new;
     let [kind, id, who, via, module, what, before, after, end] = match &numbered.record {
-        Record::Begin {
+        AuditRecord::Begin {
             id,
             who,
             via,
@@ -164,7 +164,7 @@ pub fn audit_row(hash: &str, numbered: &Numbered) -> [String; AUDIT_COLUMNS.len(
             none(),
             none(),
         ],
-        Record::End { id, end, after } => {
+        AuditRecord::End { id, end, after } => {
             let [who, via, module, what, before] = [(); 5].map(|()| none());
             let (id, after, end) = (own(id), own(after), own(end));
             [
@@ -179,10 +179,10 @@ pub fn audit_row(hash: &str, numbered: &Numbered) -> [String; AUDIT_COLUMNS.len(
                 end,
             ]
         }
-        Record::Start { version } => system_row("start", own(version)),
-        Record::Stop => system_row("stop", none()),
-        Record::Lost { records } => system_row("lost", records.to_string()),
-        Record::Cut { seq, .. } => system_row("cut", seq.to_string()),
+        AuditRecord::Start { version } => system_row("start", own(version)),
+        AuditRecord::Stop => system_row("stop", none()),
+        AuditRecord::Lost { records } => system_row("lost", records.to_string()),
+        AuditRecord::Cut { seq, .. } => system_row("cut", seq.to_string()),
     };
     let (seq, at, hash) = (
         numbered.seq.to_string(),

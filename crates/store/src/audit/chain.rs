@@ -25,13 +25,13 @@ pub struct Numbered {
     pub up_us: u64,
     /// Its content.
     #[serde(flatten)]
-    pub record: Record,
+    pub record: AuditRecord,
 }
 
 /// The content of a record.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
-pub enum Record {
+pub enum AuditRecord {
     /// The log was opened.
     Start {
         /// The version of the program.
@@ -79,11 +79,11 @@ pub enum Record {
     },
 }
 
-impl Record {
+impl AuditRecord {
     /// The same, with overlong texts cut.
-    pub(super) fn cut(mut self) -> Record {
+    pub(super) fn cut(mut self) -> AuditRecord {
         match &mut self {
-            Record::Begin {
+            AuditRecord::Begin {
                 who,
                 via,
                 module,
@@ -95,11 +95,14 @@ impl Record {
                     cut(text);
                 }
             }
-            Record::End { end, after, .. } => {
+            AuditRecord::End { end, after, .. } => {
                 cut(end);
                 cut(after);
             }
-            Record::Start { .. } | Record::Stop | Record::Lost { .. } | Record::Cut { .. } => {}
+            AuditRecord::Start { .. }
+            | AuditRecord::Stop
+            | AuditRecord::Lost { .. }
+            | AuditRecord::Cut { .. } => {}
         }
         self
     }
@@ -156,7 +159,7 @@ mod tests {
             seq: 7,
             at_ms: 1,
             up_us: 2,
-            record: Record::Lost { records: 3 },
+            record: AuditRecord::Lost { records: 3 },
         };
         let mut text = String::new();
         let hash = encode(&mut text, NOTHING, &numbered);
@@ -172,7 +175,7 @@ mod tests {
     #[test]
     fn no_text_is_too_long() {
         let long = "总".repeat(TEXT_MAX);
-        let record = Record::End {
+        let record = AuditRecord::End {
             id: String::new(),
             end: long.clone(),
             after: long,

@@ -1,7 +1,7 @@
 //! The log on disk. One thread writes it; a command waits until its record is durable, and all that
 //! wait at the same time share one commit.
 
-use super::chain::Record;
+use super::chain::AuditRecord;
 use super::read::{Filter, LogPage, LogPosition, Verified};
 use super::tail::{OpenReport, Reach, Tail};
 use super::{Exported, read};
@@ -38,7 +38,7 @@ pub struct AuditLog {
 }
 
 struct Job {
-    record: Record,
+    record: AuditRecord,
     /// The caller waits until it is durable, not only written.
     durable: bool,
     done: oneshot::Sender<bool>,
@@ -101,7 +101,7 @@ impl AuditLog {
     }
 
     /// Writes a record; returns when it is durable, or at least written.
-    pub(super) async fn write(&self, record: Record, durable: bool) -> Result<(), NotWritten> {
+    pub(super) async fn write(&self, record: AuditRecord, durable: bool) -> Result<(), NotWritten> {
         let (done, written) = oneshot::channel();
         let job = Job {
             record,
@@ -125,7 +125,7 @@ impl AuditLog {
     /// Records a proper shutdown; everything written before is durable when this returns.
     pub async fn close(&self) {
         // If this can't be written it is missing: the next start reports that.
-        let _ = self.write(Record::Stop, true).await;
+        let _ = self.write(AuditRecord::Stop, true).await;
     }
 
     fn reach(&self) -> Reach {

@@ -1,6 +1,6 @@
 //! Reading the log: in pages from its end, or along its whole chain.
 
-use super::chain::{HASH_LEN, LINE_MAX, Numbered, Record, decode, follows};
+use super::chain::{AuditRecord, HASH_LEN, LINE_MAX, Numbered, decode, follows};
 use super::files::{self, Mark};
 use super::tail::{Reach, first_of, head_of, hold, read_at};
 use std::collections::HashMap;
@@ -218,12 +218,12 @@ impl Walk {
         let Some((hash, numbered)) = text.and_then(|text| follows(&self.last.hash, text)) else {
             return false;
         };
-        let is_cut = matches!(numbered.record, Record::Cut { .. });
+        let is_cut = matches!(numbered.record, AuditRecord::Cut { .. });
         if numbered.seq != self.last.seq + 1 || is_cut {
             return false;
         }
         self.found.records += 1;
-        self.found.entries += u64::from(matches!(numbered.record, Record::Begin { .. }));
+        self.found.entries += u64::from(matches!(numbered.record, AuditRecord::Begin { .. }));
         self.last = Mark {
             seq: numbered.seq,
             hash: hash.to_owned(),
@@ -406,8 +406,8 @@ fn last_line(bytes: &[u8], end: usize, from_first: bool) -> Option<usize> {
 struct Ends(HashMap<String, (String, String)>);
 
 impl Ends {
-    fn take(&mut self, record: &Record) {
-        if let Record::End { id, end, after } = record {
+    fn take(&mut self, record: &AuditRecord) {
+        if let AuditRecord::End { id, end, after } = record {
             self.0.insert(id.clone(), (end.clone(), after.clone()));
         }
     }
@@ -416,7 +416,7 @@ impl Ends {
     fn entry(&mut self, line: &[u8], filter: &Filter) -> Option<Logged> {
         let (hash, numbered) = decode(line)?;
         self.take(&numbered.record);
-        let Record::Begin {
+        let AuditRecord::Begin {
             id,
             who,
             via,

@@ -1,6 +1,6 @@
 //! The end of the log, where records are appended.
 
-use super::chain::{LINE_MAX, Numbered, Record, decode, encode, follows};
+use super::chain::{AuditRecord, LINE_MAX, Numbered, decode, encode, follows};
 use super::files::{self, Mark};
 use crate::durable;
 use crate::history::millis;
@@ -103,13 +103,13 @@ impl Tail {
         {
             found.cut = true;
             let Mark { seq, hash } = head;
-            records.push(Record::Cut { seq, hash });
+            records.push(AuditRecord::Cut { seq, hash });
         }
-        records.push(Record::Start {
+        records.push(AuditRecord::Start {
             version: env!("CARGO_PKG_VERSION").to_owned(),
         });
         for id in &found.unfinished {
-            records.push(Record::End {
+            records.push(AuditRecord::End {
                 id: id.clone(),
                 end: "unknown".to_owned(),
                 after: String::new(),
@@ -159,11 +159,11 @@ impl Tail {
     }
 
     /// Appends records. They are either complete or absent, and not durable yet.
-    pub(super) fn append(&mut self, records: impl Iterator<Item = Record>) -> Result<()> {
+    pub(super) fn append(&mut self, records: impl Iterator<Item = AuditRecord>) -> Result<()> {
         let mut text = String::new();
         let mut next = self.reach.clone();
         let up_us = u64::try_from(self.opened.elapsed().as_micros()).unwrap_or(u64::MAX);
-        let lost = (self.lost > 0).then_some(Record::Lost { records: self.lost });
+        let lost = (self.lost > 0).then_some(AuditRecord::Lost { records: self.lost });
         let mut count = 0;
         for record in lost.into_iter().chain(records) {
             next.last.seq += 1;
@@ -336,8 +336,8 @@ fn walk(
             hash: hash.to_owned(),
         });
         match numbered.record {
-            Record::Begin { id, .. } => unfinished.push(id),
-            Record::End { id, .. } => unfinished.retain(|open| *open != id),
+            AuditRecord::Begin { id, .. } => unfinished.push(id),
+            AuditRecord::End { id, .. } => unfinished.retain(|open| *open != id),
             _ => {}
         }
     }
