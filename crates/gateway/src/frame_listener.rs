@@ -95,7 +95,7 @@ impl FrameListener {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use railbus_sniff::Verdict;
+    use railbus_sniff::FrameVerdict;
 
     /// The line master accepts such a reply, so the list of frames must not call it incomplete.
     #[tokio::test]
@@ -121,7 +121,7 @@ mod tests {
             .collect();
         assert_eq!(
             verdicts,
-            [Some(Verdict::Good), Some(Verdict::Good)],
+            [Some(FrameVerdict::Good), Some(FrameVerdict::Good)],
             "{heard:?}"
         );
     }

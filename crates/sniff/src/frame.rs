@@ -43,7 +43,7 @@ pub struct Frame {
     /// Whether it came after its request had been reported as unanswered.
     pub late: bool,
     /// The verdict.
-    pub verdict: Verdict,
+    pub verdict: FrameVerdict,
 }
 
 impl Frame {
@@ -75,7 +75,7 @@ pub enum FrameRole {
 
 /// The verdict on a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Verdict {
+pub enum FrameVerdict {
     /// A valid frame.
     Good,
     /// A valid reply that is a refusal.
@@ -86,18 +86,18 @@ pub enum Verdict {
     Bad(Flaw),
 }
 
-impl Verdict {
+impl FrameVerdict {
     /// A short word for programs: `ok`, `refused`, `unknown`, `bad checksum`, …
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
-            Verdict::Good => "ok",
-            Verdict::Refused => "refused",
-            Verdict::Unknown => "unknown",
-            Verdict::Bad(Flaw::Checksum) => "bad checksum",
-            Verdict::Bad(Flaw::Short) => "bad short",
-            Verdict::Bad(Flaw::Form) => "bad form",
-            Verdict::Bad(Flaw::Foreign) => "bad foreign",
+            FrameVerdict::Good => "ok",
+            FrameVerdict::Refused => "refused",
+            FrameVerdict::Unknown => "unknown",
+            FrameVerdict::Bad(Flaw::Checksum) => "bad checksum",
+            FrameVerdict::Bad(Flaw::Short) => "bad short",
+            FrameVerdict::Bad(Flaw::Form) => "bad form",
+            FrameVerdict::Bad(Flaw::Foreign) => "bad foreign",
         }
     }
 }

@@ -1,10 +1,10 @@
 //! Judges bytes between valid frames.
 
-use crate::frame::{Flaw, FrameRole, Reading, Verdict};
+use crate::frame::{Flaw, FrameRole, FrameVerdict, Reading};
 use railbus_wire::{Address, Decoded, Exchange, Malformed, Protocol, crc16, lc02, r55, rtu};
 
 /// What bytes that match no protocol probably were.
-pub(crate) fn judge(bytes: &[u8], pending: Option<&Exchange<'_>>) -> (Vec<Reading>, Verdict) {
+pub(crate) fn judge(bytes: &[u8], pending: Option<&Exchange<'_>>) -> (Vec<Reading>, FrameVerdict) {
     let found = whole_but_unknown(bytes)
         .or_else(|| bare_exception(bytes, pending))
         .or_else(|| broken_reply(bytes, pending))
@@ -12,11 +12,11 @@ pub(crate) fn judge(bytes: &[u8], pending: Option<&Exchange<'_>>) -> (Vec<Readin
         .or_else(|| broken_rtu(bytes));
     match found {
         Some((reading, verdict)) => (vec![reading], verdict),
-        None => (Vec::new(), Verdict::Bad(Flaw::Foreign)),
+        None => (Vec::new(), FrameVerdict::Bad(Flaw::Foreign)),
     }
 }
 
-type Found = Option<(Reading, Verdict)>;
+type Found = Option<(Reading, FrameVerdict)>;
 
 fn reading(protocol: Protocol, role: Option<FrameRole>, address: Option<u8>) -> Reading {
     Reading {
@@ -37,11 +37,11 @@ fn whole_but_unknown(bytes: &[u8]) -> Found {
     }
     if bytes.len() == 5 && code & 0x80 != 0 {
         let reply = reading(Protocol::Rtu, Some(FrameRole::Reply), Some(address));
-        return Some((reply, Verdict::Refused));
+        return Some((reply, FrameVerdict::Refused));
     }
     Some((
         reading(Protocol::Rtu, None, Some(address)),
-        Verdict::Unknown,
+        FrameVerdict::Unknown,
     ))
 }
 
@@ -52,7 +52,7 @@ fn bare_exception(bytes: &[u8], pending: Option<&Exchange<'_>>) -> Found {
     };
     asked.decode_bare_exception(bytes)?;
     let reply = reading(Protocol::Rtu, Some(FrameRole::Reply), Some(asked.address.0));
-    Some((reply, Verdict::Refused))
+    Some((reply, FrameVerdict::Refused))
 }
 
 /// Bytes that begin like the pending reply.
@@ -80,12 +80,12 @@ fn broken_reply(bytes: &[u8], pending: Option<&Exchange<'_>>) -> Found {
         Some(asked.address().0),
     );
     reply.checksum = matches!(asked, Exchange::Ascii(e) if e.checksum);
-    Some((reply, Verdict::Bad(flaw)))
+    Some((reply, FrameVerdict::Bad(flaw)))
 }
 
 /// Bytes with the marks of a protocol.
 fn marked(bytes: &[u8]) -> Found {
-    let bad = |reading, flaw| Some((reading, Verdict::Bad(flaw)));
+    let bad = |reading, flaw| Some((reading, FrameVerdict::Bad(flaw)));
     let address = |at: usize| bytes.get(at).copied();
     match *bytes {
         [start @ (r55::REQUEST_START | r55::RESPONSE_START), ..]
@@ -115,7 +115,7 @@ fn marked(bytes: &[u8]) -> Found {
                 _ => false,
             };
             match (right, ended) {
-                (true, _) => Some((at, Verdict::Unknown)),
+                (true, _) => Some((at, FrameVerdict::Unknown)),
                 (false, true) => bad(at, Flaw::Checksum),
                 (false, false) => bad(at, Flaw::Short),
             }
@@ -162,5 +162,5 @@ fn broken_rtu(bytes: &[u8]) -> Found {
         _ => return None,
     };
     let at = reading(Protocol::Rtu, Some(role), Some(address));
-    Some((at, Verdict::Bad(Flaw::Checksum)))
+    Some((at, FrameVerdict::Bad(Flaw::Checksum)))
 }

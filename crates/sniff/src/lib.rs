@@ -37,6 +37,6 @@ mod listener;
 mod look;
 mod replies;
 
-pub use frame::{Asked, Flaw, Frame, FrameRole, Heard, Missing, Reading, Verdict};
+pub use frame::{Asked, Flaw, Frame, FrameRole, FrameVerdict, Heard, Missing, Reading};
 pub use listener::{Input, Listener, Output, PATIENCE};
 pub use replies::replies;

@@ -4,7 +4,7 @@
 //! two frames may come as one piece. So frames are recognised by their content, at every position
 //! in turn; pauses only decide when to stop waiting for the rest of one.
 
-use crate::frame::{Asked, Frame, FrameRole, Heard, Missing, Reading, Verdict};
+use crate::frame::{Asked, Frame, FrameRole, FrameVerdict, Heard, Missing, Reading};
 use crate::judge::judge;
 use crate::look::{Find, Look, Trust, look};
 use railbus_wire::{Exchange, Instant, Micros, Protocol, REPLY_TIMEOUT, Settings, r55};
@@ -291,7 +291,7 @@ impl Listener {
             });
             let asks =
                 readings.first().and_then(|reading| reading.role) == Some(FrameRole::Request);
-            if asks && verdict == Verdict::Unknown {
+            if asks && verdict == FrameVerdict::Unknown {
                 // The master sends another request: it no longer waits.
                 self.give_up(self.time(0));
                 self.pending = None;
@@ -299,7 +299,7 @@ impl Listener {
             self.tell(len, readings, verdict, answers);
             match &mut self.pending {
                 // A refusal without CRC is still an answer.
-                Some(_) if answers && verdict == Verdict::Refused => self.pending = None,
+                Some(_) if answers && verdict == FrameVerdict::Refused => self.pending = None,
                 Some(pending) => pending.spoiled = true,
                 None => {}
             }
@@ -340,7 +340,7 @@ impl Listener {
         &mut self,
         len: usize,
         readings: Vec<Reading>,
-        verdict: Verdict,
+        verdict: FrameVerdict,
         answers: bool,
     ) -> Instant {
         let at = self.time(0);

@@ -1,6 +1,6 @@
 //! Finds what begins at a position, in any protocol.
 
-use crate::frame::{FrameRole, Reading, Verdict};
+use crate::frame::{FrameRole, FrameVerdict, Reading};
 use crate::replies;
 use railbus_wire::{
     Address, Decoded, Exchange, Malformed, Protocol, Response, ascii, lc02, r55, rtu, sum8,
@@ -31,7 +31,7 @@ pub(crate) struct Find {
     pub(crate) len: usize,
     pub(crate) trust: Trust,
     pub(crate) reading: Reading,
-    pub(crate) verdict: Verdict,
+    pub(crate) verdict: FrameVerdict,
 }
 
 /// All frames that begin at one position.
@@ -77,7 +77,7 @@ impl Look {
         readings
     }
 
-    fn add(&mut self, decoded: &Decoded<Reading>, trust: Trust, verdict: Verdict) {
+    fn add(&mut self, decoded: &Decoded<Reading>, trust: Trust, verdict: FrameVerdict) {
         match *decoded {
             Decoded::Whole { len, value } => self.finds.push(Find {
                 len,
@@ -120,12 +120,12 @@ fn reply(
     decoded: Decoded<railbus_wire::Reply<Response<'_>>>,
     trust: Trust,
 ) {
-    let mut verdict = Verdict::Good;
+    let mut verdict = FrameVerdict::Good;
     let paired = (trust == Trust::Paired).then(|| asked.address());
     let checksum = matches!(asked, Exchange::Ascii(e) if e.checksum);
     let decoded = decoded.map(|reply| {
         if is_refusal(&reply.response) {
-            verdict = Verdict::Refused;
+            verdict = FrameVerdict::Refused;
         }
         Reading {
             protocol: asked.protocol(),
@@ -158,7 +158,7 @@ fn of_r55(look: &mut Look, rx: &[u8]) {
     let before = look.finds.len();
     let decoded = r55::Exchange::decode_request(rx);
     let decoded = decoded.map(|e| request(Protocol::R55, Some(e.address()), false));
-    look.add(&decoded, Trust::Sum, Verdict::Good);
+    look.add(&decoded, Trust::Sum, FrameVerdict::Good);
     if let Some(asked) = replies::candidate_r55(rx) {
         reply(look, &asked, asked.decode_response(rx), Trust::Sum);
     }
@@ -181,7 +181,7 @@ fn of_r55(look: &mut Look, rx: &[u8]) {
                 checksum: false,
                 address: Some(Address(address)),
             },
-            verdict: Verdict::Unknown,
+            verdict: FrameVerdict::Unknown,
         });
     }
 }
@@ -189,7 +189,7 @@ fn of_r55(look: &mut Look, rx: &[u8]) {
 fn of_lc02(look: &mut Look, rx: &[u8]) {
     let decoded = lc02::Exchange::decode_request(rx);
     let decoded = decoded.map(|e| request(Protocol::Lc02, Some(e.address), false));
-    look.add(&decoded, Trust::Sum, Verdict::Good);
+    look.add(&decoded, Trust::Sum, FrameVerdict::Good);
     if rx.len() < 3 && b"lc".starts_with(rx) {
         look.partial = true;
     }
@@ -202,7 +202,7 @@ fn of_rtu(look: &mut Look, rx: &[u8]) {
     let decoded = rtu::Exchange::decode_request(rx);
     look.partial_rtu |= matches!(decoded, Decoded::Partial { .. });
     let decoded = decoded.map(|e| request(Protocol::Rtu, Some(e.address), false));
-    look.add(&decoded, Trust::Crc, Verdict::Good);
+    look.add(&decoded, Trust::Crc, FrameVerdict::Good);
     match replies::candidate_rtu(rx) {
         Some(asked) => {
             let decoded = asked.decode_response(rx);
@@ -267,7 +267,7 @@ fn of_ascii(look: &mut Look, rx: &[u8], line: Line, pending: Option<&Exchange<'_
             let address = (!e.request.is_broadcast()).then_some(e.address);
             request(Protocol::Ascii, address, checksum)
         });
-        look.add(&decoded, by_sum(checksum), Verdict::Good);
+        look.add(&decoded, by_sum(checksum), FrameVerdict::Good);
     }
     // An ASCII reply does not say what it answers: if a request is pending, only that can tell
     // whether it is valid, unless it contains another module's address.
@@ -304,7 +304,7 @@ fn of_ascii(look: &mut Look, rx: &[u8], line: Line, pending: Option<&Exchange<'_
                 checksum: false,
                 address: ascii::address_of(rx, rules).filter(|_| !is_reply),
             },
-            verdict: Verdict::Unknown,
+            verdict: FrameVerdict::Unknown,
         });
     }
 }

@@ -1,6 +1,6 @@
 //! What a listener reports of good and bad lines.
 
-use railbus_sniff::{Flaw, Frame, FrameRole, Heard, Input, Listener, Output, Verdict};
+use railbus_sniff::{Flaw, Frame, FrameRole, FrameVerdict, Heard, Input, Listener, Output};
 use railbus_wire::{Instant, Micros, Protocol, Settings, crc16};
 
 /// A line being listened to, and its time.
@@ -260,7 +260,7 @@ fn noise_around_a_frame_does_not_hide_it() {
     ear.pass(Micros::from_millis(50));
     assert_eq!(ear.words()[..2], [" bad foreign", "rtu → 3 ok"]);
     let verdict = ear.frames()[0].verdict;
-    assert_eq!(verdict, Verdict::Bad(Flaw::Foreign));
+    assert_eq!(verdict, FrameVerdict::Bad(Flaw::Foreign));
 }
 
 #[test]

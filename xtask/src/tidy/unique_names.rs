@@ -57,7 +57,6 @@ const KNOWN: &[(&str, usize)] = &[
     ("Step", 3),
     ("Store", 2),
     ("Value", 2),
-    ("Verdict", 2),
     ("Why", 2),
 ];
 

@@ -2,7 +2,7 @@
 
 use railbus_api::types::ModuleInfo;
 use railbus_commission::Risk;
-use railbus_sniff::{Asked, FrameRole, Heard, Verdict};
+use railbus_sniff::{Asked, FrameRole, FrameVerdict, Heard};
 use railbus_wire::{Address, Exchange, Micros, Protocol};
 
 /// A module, by what identifies it on a line.
@@ -43,7 +43,7 @@ pub struct Facts<'a> {
     /// Whether it is a request or a reply, if that can be decided.
     pub role: Option<FrameRole>,
     /// `None` for a request without a reply.
-    pub verdict: Option<Verdict>,
+    pub verdict: Option<FrameVerdict>,
     /// It is a write, or belongs to one; `None` if that can't be decided.
     pub write: Option<bool>,
     /// It is a reply to an earlier request.

@@ -2,7 +2,7 @@
 
 use super::words;
 use railbus_sniff::capture::{self, Direction};
-use railbus_sniff::{Frame, FrameRole, Heard, Verdict};
+use railbus_sniff::{Frame, FrameRole, FrameVerdict, Heard};
 use railbus_words::Lang;
 
 /// A frame as stored in a capture file; `None` for events without bytes.
@@ -23,7 +23,7 @@ pub fn packet(lang: Lang, line: u32, heard: &Heard) -> Option<Vec<u8>> {
 
 /// The sender of a frame. For a broken one this is a guess, on which no reader should rely.
 fn direction(frame: &Frame) -> Option<Direction> {
-    if let Verdict::Bad(_) = frame.verdict {
+    if let FrameVerdict::Bad(_) = frame.verdict {
         return None;
     }
     match frame.readings.first()?.role? {

@@ -2,7 +2,7 @@
 
 use super::texts::FrameText;
 use super::{meaning, readings};
-use railbus_sniff::{Asked, Flaw, Frame, FrameRole, Heard, Reading, Verdict};
+use railbus_sniff::{Asked, Flaw, Frame, FrameRole, FrameVerdict, Heard, Reading};
 use railbus_wire::{Micros, Protocol};
 use railbus_words::Lang;
 
@@ -27,8 +27,10 @@ fn of_frame(lang: Lang, frame: &Frame) -> String {
         return lang.fill(FrameText::NoProtocol, &[("count", &frame.bytes.len())]);
     };
     let mut text = match frame.verdict {
-        Verdict::Bad(flaw) => flawed(lang, frame, best, flaw),
-        Verdict::Good | Verdict::Refused | Verdict::Unknown => said(lang, frame, best),
+        FrameVerdict::Bad(flaw) => flawed(lang, frame, best, flaw),
+        FrameVerdict::Good | FrameVerdict::Refused | FrameVerdict::Unknown => {
+            said(lang, frame, best)
+        }
     };
     if frame.late {
         text += lang.get(FrameText::Late);
@@ -57,7 +59,7 @@ fn said(lang: Lang, frame: &Frame, reading: &Reading) -> String {
         if let Some(reply) = exchange.decode_response(bytes).whole() {
             return meaning::response(lang, &exchange, &reply.response);
         }
-        if frame.verdict == Verdict::Refused {
+        if frame.verdict == FrameVerdict::Refused {
             return lang.fill(FrameText::BareException, &[("code", &hex(bytes.get(2..3)))]);
         }
     }

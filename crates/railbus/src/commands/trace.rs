@@ -7,7 +7,7 @@ use crate::backend::{Backend, Traffic};
 use railbus_app::failure::Failure;
 use railbus_app::frames::Facts;
 use railbus_app::render::{Format, out};
-use railbus_sniff::{FrameRole, Heard, Input, Output, Verdict};
+use railbus_sniff::{FrameRole, FrameVerdict, Heard, Input, Output};
 use railbus_wire::Instant;
 use railbus_words::Code;
 use railbus_words::Lang;
@@ -168,7 +168,9 @@ fn exchange(lang: Lang, line: &str, heard: &Heard, facts: &Facts<'_>) -> Option<
             let reading = frame.readings.first();
             let request = reading.filter(|reading| reading.role == Some(FrameRole::Request));
             let asked = request.and_then(|reading| reading.request(&frame.bytes));
-            if asked.is_some_and(|asked| asked.expects_reply()) && frame.verdict == Verdict::Good {
+            if asked.is_some_and(|asked| asked.expects_reply())
+                && frame.verdict == FrameVerdict::Good
+            {
                 return None;
             }
             (frame.at, frame.asked.as_ref())

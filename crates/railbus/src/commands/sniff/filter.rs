@@ -9,7 +9,7 @@
 use super::texts::SniffText;
 use crate::commands::context;
 use railbus_app::frames::Facts;
-use railbus_sniff::{FrameRole, Verdict};
+use railbus_sniff::{FrameRole, FrameVerdict};
 use railbus_wire::{Micros, Protocol};
 use railbus_words::Lang;
 
@@ -127,10 +127,10 @@ impl Filter {
             Filter::Longer(which, limit) => time(which).is_some_and(|time| time > *limit),
             Filter::Shorter(which, limit) => time(which).is_some_and(|time| time < *limit),
             Filter::Word(word) => match word {
-                Word::Good => facts.verdict == Some(Verdict::Good),
-                Word::Bad => matches!(facts.verdict, Some(Verdict::Bad(_))),
-                Word::Refused => facts.verdict == Some(Verdict::Refused),
-                Word::Unknown => facts.verdict == Some(Verdict::Unknown),
+                Word::Good => facts.verdict == Some(FrameVerdict::Good),
+                Word::Bad => matches!(facts.verdict, Some(FrameVerdict::Bad(_))),
+                Word::Refused => facts.verdict == Some(FrameVerdict::Refused),
+                Word::Unknown => facts.verdict == Some(FrameVerdict::Unknown),
                 Word::Missing => facts.verdict.is_none(),
                 Word::Request => facts.role == Some(FrameRole::Request),
                 Word::Reply => facts.role == Some(FrameRole::Reply),
@@ -314,7 +314,7 @@ mod tests {
             address: Some(3),
             module: Some("oven"),
             role: Some(FrameRole::Reply),
-            verdict: Some(Verdict::Good),
+            verdict: Some(FrameVerdict::Good),
             write: Some(false),
             late: false,
             after: Some(Micros::from_millis(60)),

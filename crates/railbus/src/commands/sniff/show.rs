@@ -5,7 +5,7 @@ use jiff::tz::TimeZone;
 use railbus_app::frames::words;
 use railbus_app::frames::{Facts, addressee, as_json, at, timestamp};
 use railbus_app::render::{Format, records};
-use railbus_sniff::{FrameRole, Heard, Reading, Verdict};
+use railbus_sniff::{FrameRole, FrameVerdict, Heard, Reading};
 use railbus_wire::{Instant, Micros, Settings};
 use railbus_words::Lang;
 use railbus_words::{hex, time, width};
@@ -121,7 +121,7 @@ impl Sums {
             Heard::Missing(_) => self.missing += 1,
             Heard::Frame(frame) => {
                 self.frames += 1;
-                self.bad += u64::from(matches!(frame.verdict, Verdict::Bad(_)));
+                self.bad += u64::from(matches!(frame.verdict, FrameVerdict::Bad(_)));
                 self.busy += settings.frame_time(frame.bytes.len());
                 let first = self.span.map_or(frame.at, |(first, _)| first);
                 self.span = Some((first, frame.end));
