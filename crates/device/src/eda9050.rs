@@ -7,7 +7,7 @@ use crate::datasheet::{
     StoredSetting, Terminal, same,
 };
 use crate::eda::{self, terminal};
-use crate::sign::{Reply, Sign};
+use crate::sign::{ReadOutcome, Sign};
 use railbus_wire::{Character, Protocol, rtu::Function};
 
 /// The datasheet as data.
@@ -96,11 +96,11 @@ pub(crate) static DATASHEET: Datasheet = Datasheet {
 /// It refuses nothing and does not answer what it lacks, like many other boards: nothing it shows
 /// proves it [EDA9050 §5.1, §5.2, §5.3, §5.7].
 const SIGNS: [Option<Sign>; 5] = [
-    Sign::coils(0, 8, Reply::Answer),
-    Sign::registers(0, 4, Reply::Silence),
-    Sign::coils(0, 9, Reply::Silence),
-    Sign::inputs(0, 7, Reply::Answer),
-    Sign::inputs(0, 8, Reply::Silence),
+    Sign::coils(0, 8, ReadOutcome::Answer),
+    Sign::registers(0, 4, ReadOutcome::Silence),
+    Sign::coils(0, 9, ReadOutcome::Silence),
+    Sign::inputs(0, 7, ReadOutcome::Answer),
+    Sign::inputs(0, 8, ReadOutcome::Silence),
 ];
 
 /// Functions that the codec knows and the module lacks [EDA9050 §5.1].

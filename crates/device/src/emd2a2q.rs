@@ -9,7 +9,7 @@ use crate::datasheet::{
 };
 use crate::engine::{Calibration, DeviceState, Eeprom};
 use crate::modbus::{self, Answer, respond, run_in};
-use crate::sign::{Reply, Sign};
+use crate::sign::{ReadOutcome, Sign};
 use crate::{Bank, Change, Observation, Op, Profile, Setup};
 use railbus_wire::rtu::{self, BitSpan, Exception, Function, Request, WordBlock, WordSpan};
 use railbus_wire::{
@@ -149,12 +149,16 @@ const CALIBRATION_TIME: Micros = Micros::from_millis(500);
 /// What identifies it: relays at 8 and 9 and nowhere else, and eight registers that hold its own
 /// address and codes [EMD-2A2Q §3.1, §3.2, §3.6, §4.2, §4.3, §4.4, §4.7].
 const SIGNS: [Option<Sign>; 6] = [
-    Sign::coils(0, 8, Reply::Refusal(Exception::ADDRESS)),
-    Sign::coils(60, 8, Reply::Refusal(Exception::ADDRESS)),
-    Sign::registers(0, REGISTERS, Reply::Registers(could_be_own)),
-    Sign::registers(0, REGISTERS + 1, Reply::Refusal(Exception::ADDRESS)),
-    Sign::coils(FIRST_COIL, RELAYS, Reply::Answer),
-    Sign::coils(FIRST_COIL + RELAYS, 1, Reply::Refusal(Exception::ADDRESS)),
+    Sign::coils(0, 8, ReadOutcome::Refusal(Exception::ADDRESS)),
+    Sign::coils(60, 8, ReadOutcome::Refusal(Exception::ADDRESS)),
+    Sign::registers(0, REGISTERS, ReadOutcome::Registers(could_be_own)),
+    Sign::registers(0, REGISTERS + 1, ReadOutcome::Refusal(Exception::ADDRESS)),
+    Sign::coils(FIRST_COIL, RELAYS, ReadOutcome::Answer),
+    Sign::coils(
+        FIRST_COIL + RELAYS,
+        1,
+        ReadOutcome::Refusal(Exception::ADDRESS),
+    ),
 ];
 
 /// Whether these registers can be those of a module at that address.

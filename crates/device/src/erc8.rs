@@ -9,7 +9,7 @@ use crate::datasheet::{
 };
 use crate::engine::{DeviceState, Eeprom};
 use crate::modbus::{self, Answer, respond, run_in};
-use crate::sign::{Reply, Sign};
+use crate::sign::{ReadOutcome, Sign};
 use crate::{Bank, Change, Observation, Op, Profile, Setup};
 use railbus_wire::rtu::{self, BitSpan, Exception, Function, Request, WordSpan};
 use railbus_wire::{
@@ -107,10 +107,14 @@ pub(crate) const ABSENT: &[Function] = &[
 
 /// What identifies it: relays at 60 to 67 and nowhere else, no inputs [ERC-8 §2.4, §3.1, §3.3].
 const SIGNS: [Option<Sign>; 4] = [
-    Sign::coils(0, 8, Reply::Refusal(Exception::ADDRESS)),
-    Sign::coils(FIRST_COIL, RELAYS, Reply::Answer),
-    Sign::coils(FIRST_COIL, RELAYS + 1, Reply::Refusal(Exception::ADDRESS)),
-    Sign::inputs(0, 1, Reply::Refusal(Exception::FUNCTION)),
+    Sign::coils(0, 8, ReadOutcome::Refusal(Exception::ADDRESS)),
+    Sign::coils(FIRST_COIL, RELAYS, ReadOutcome::Answer),
+    Sign::coils(
+        FIRST_COIL,
+        RELAYS + 1,
+        ReadOutcome::Refusal(Exception::ADDRESS),
+    ),
+    Sign::inputs(0, 1, ReadOutcome::Refusal(Exception::FUNCTION)),
 ];
 
 /// Host side: the single exchange for an op.

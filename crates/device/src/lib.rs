@@ -56,4 +56,4 @@ pub use family::{Family, Layout, Point, PointKind, Profile, Setup, SetupError};
 pub use module::Module;
 pub use op::{Bank, Change, Observation, Op, Refusal, Unsupported};
 pub use r55::board_address;
-pub use sign::{Reply, Sign};
+pub use sign::{ReadOutcome, Sign};

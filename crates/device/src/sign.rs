@@ -13,12 +13,12 @@ pub struct Sign {
     /// The request.
     pub request: Request<'static>,
     /// The expected outcome.
-    pub reply: Reply,
+    pub reply: ReadOutcome,
 }
 
 /// The outcome of a read.
 #[derive(Clone, Copy, Debug)]
-pub enum Reply {
+pub enum ReadOutcome {
     /// It is answered.
     Answer,
     /// Registers that can be those of a module at that address.
@@ -31,7 +31,7 @@ pub enum Reply {
 
 impl Sign {
     /// `count` coils from `start`, and the outcome.
-    pub(crate) const fn coils(start: u16, count: u16, reply: Reply) -> Option<Sign> {
+    pub(crate) const fn coils(start: u16, count: u16, reply: ReadOutcome) -> Option<Sign> {
         match BitSpan::new(start, count) {
             Some(span) => Some(Sign {
                 request: Request::ReadCoils(span),
@@ -42,7 +42,7 @@ impl Sign {
     }
 
     /// The same for discrete inputs.
-    pub(crate) const fn inputs(start: u16, count: u16, reply: Reply) -> Option<Sign> {
+    pub(crate) const fn inputs(start: u16, count: u16, reply: ReadOutcome) -> Option<Sign> {
         match BitSpan::new(start, count) {
             Some(span) => Some(Sign {
                 request: Request::ReadDiscreteInputs(span),
@@ -53,7 +53,7 @@ impl Sign {
     }
 
     /// The same for holding registers.
-    pub(crate) const fn registers(start: u16, count: u16, reply: Reply) -> Option<Sign> {
+    pub(crate) const fn registers(start: u16, count: u16, reply: ReadOutcome) -> Option<Sign> {
         match WordSpan::new(start, count) {
             Some(span) => Some(Sign {
                 request: Request::ReadHoldingRegisters(span),
@@ -75,21 +75,21 @@ impl Sign {
             return None;
         }
         match (&self.reply, response) {
-            (Reply::Silence, came) => Some(came.is_none()),
+            (ReadOutcome::Silence, came) => Some(came.is_none()),
             (_, None) => None,
-            (Reply::Refusal(why), _) => Some(refused == Some(*why)),
-            (Reply::Answer, _) => Some(refused.is_none()),
-            (Reply::Registers(fit), Some(Response::Rtu(rtu::Response::Words(words)))) => {
+            (ReadOutcome::Refusal(why), _) => Some(refused == Some(*why)),
+            (ReadOutcome::Answer, _) => Some(refused.is_none()),
+            (ReadOutcome::Registers(fit), Some(Response::Rtu(rtu::Response::Words(words)))) => {
                 Some(fit(address, words))
             }
-            (Reply::Registers(_), _) => Some(false),
+            (ReadOutcome::Registers(_), _) => Some(false),
         }
     }
 
     /// Whether no superset of the module would show it.
     #[must_use]
     pub const fn is_refusal(&self) -> bool {
-        matches!(self.reply, Reply::Refusal(_))
+        matches!(self.reply, ReadOutcome::Refusal(_))
     }
 }
 

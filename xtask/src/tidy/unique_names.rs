@@ -50,7 +50,6 @@ const KNOWN: &[(&str, usize)] = &[
     ("Reason", 2),
     ("Record", 2),
     ("Refused", 2),
-    ("Reply", 2),
     ("Rules", 2),
     ("Settings", 2),
     ("State", 2),

@@ -1,7 +1,7 @@
 //! Identifies a module by its responses. The signs of each family are data of its datasheet.
 
 use super::ask::{Ask, Question};
-use railbus_device::{Family, Reply, Sign};
+use railbus_device::{Family, ReadOutcome, Sign};
 use railbus_wire::{Address, Protocol, Response, ascii, lc02, rtu};
 
 /// A request and the response bytes; empty if there was no reply.
@@ -86,7 +86,7 @@ fn case(asked: Question, answers: &[Answer], family: Family) -> Case {
             Some(false) => return Case::RuledOut,
             Some(true) => {
                 refuses |= sign.is_refusal();
-                speaks |= !sign.is_refusal() && !matches!(sign.reply, Reply::Silence);
+                speaks |= !sign.is_refusal() && !matches!(sign.reply, ReadOutcome::Silence);
             }
             None => all = false,
         }
