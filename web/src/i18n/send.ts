@@ -1,6 +1,6 @@
 import type { Pair } from "./index.svelte";
 
-/** A frame of one's own. */
+/** Sending a raw frame. */
 export const send = {
   send_open: ["Send frame…", "发送报文…"],
   send_title: ["Send a frame on line {line}", "在总线 {line} 上发送一条报文"],
