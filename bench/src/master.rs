@@ -211,11 +211,13 @@ async fn polls(scene: &Scene, path: &str, count: usize) -> Result<(), String> {
         ..Plan::default()
     };
     let mut config = line(scene, path, plan)?;
-    config.observer = Some(Box::new(move |event| {
-        if let LineEvent::Bus(Event::Seen { .. } | Event::Missed { .. }) = event {
-            left = left.saturating_sub(1);
-            if left == 0 {
-                notify.notify_one();
+    config.observer = Some(Box::new(move |events| {
+        for event in events {
+            if let LineEvent::Bus(Event::Seen { .. } | Event::Missed { .. }) = event {
+                left = left.saturating_sub(1);
+                if left == 0 {
+                    notify.notify_one();
+                }
             }
         }
     }));

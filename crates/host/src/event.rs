@@ -1,7 +1,8 @@
 //! The events of a line, for all its subscribers.
 
+use crate::line::{Done, RunId};
 use crate::{Granted, PortError};
-use railbus_bus::Event;
+use railbus_bus::{Event, Fault};
 use std::fmt;
 use std::sync::Arc;
 use tokio::sync::{broadcast, watch};
@@ -29,13 +30,16 @@ pub enum LineEvent {
     State(LineState),
     /// An event of its state machine.
     Bus(Event),
+    /// An op handed in by [`crate::Line::submit`] ended; only the observer gets this.
+    Ended(RunId, Result<Done, Fault>),
     /// This receiver was too slow and lost this many events before the next one.
     Lagged(u64),
 }
 
-/// Called with every event, in the line's task, before anything else happens and before a caller
-/// gets its result: what it stores is in place when a command ends. It must not block.
-pub type Observer = Box<dyn FnMut(&LineEvent) + Send>;
+/// Called in the line's task with all events of a wake-up at once, in their order, before receivers
+/// get them and before a caller gets its result: what it stores is in place when a command ends. It
+/// must not block.
+pub type Observer = Box<dyn FnMut(&[LineEvent]) + Send>;
 
 /// A receiver of a line's events from its creation on.
 #[derive(Debug)]
@@ -59,6 +63,8 @@ impl Events {
 /// The sending side: publishes events and state.
 pub(crate) struct Publisher {
     observer: Option<Observer>,
+    /// Those of this wake-up that the observer does not have yet.
+    waiting: Vec<LineEvent>,
     events: broadcast::Sender<LineEvent>,
     state: watch::Sender<LineState>,
     granted: watch::Sender<Option<Granted>>,
@@ -68,6 +74,7 @@ impl Publisher {
     pub(crate) fn new(observer: Option<Observer>) -> Publisher {
         Publisher {
             observer,
+            waiting: Vec::new(),
             events: broadcast::Sender::new(EVENTS_MAX),
             state: watch::Sender::new(LineState::Opening),
             granted: watch::Sender::new(None),
@@ -91,27 +98,43 @@ impl Publisher {
         self.granted.send_replace(granted);
     }
 
+    /// Adds an event to those of this wake-up.
     pub(crate) fn publish(&mut self, event: &Event) {
         if self.observer.is_some() || self.events.receiver_count() > 0 {
-            self.send(LineEvent::Bus(*event));
+            self.waiting.push(LineEvent::Bus(*event));
+        }
+    }
+
+    /// The same of the end of the observer's own op.
+    pub(crate) fn ended(&mut self, run: RunId, end: Result<Done, Fault>) {
+        if self.observer.is_some() {
+            self.waiting.push(LineEvent::Ended(run, end));
         }
     }
 
     /// Publishes a state if it differs from the current one.
     pub(crate) fn set_state(&mut self, state: LineState) {
         if *self.state.borrow() != state {
-            self.send(LineEvent::State(state.clone()));
+            self.waiting.push(LineEvent::State(state.clone()));
+            self.flush();
             self.state.send_replace(state);
         }
     }
 
-    fn send(&mut self, event: LineEvent) {
-        if let Some(observer) = &mut self.observer {
-            observer(&event);
+    /// Passes on what this wake-up has brought.
+    pub(crate) fn flush(&mut self) {
+        if self.waiting.is_empty() {
+            return;
         }
-        if self.events.receiver_count() > 0 {
-            // Fails if the last receiver has just gone.
-            let _ = self.events.send(event);
+        if let Some(observer) = &mut self.observer {
+            observer(&self.waiting);
+        }
+        let is_heard = self.events.receiver_count() > 0;
+        for event in self.waiting.drain(..) {
+            if is_heard && !matches!(event, LineEvent::Ended(..)) {
+                // Fails if the last receiver has just gone.
+                let _ = self.events.send(event);
+            }
         }
     }
 }
@@ -134,6 +157,7 @@ mod tests {
         let mut events = Events::of(&publisher.events());
         for _ in 0..EVENTS_MAX + 3 {
             publisher.publish(&Event::Babble);
+            publisher.flush();
         }
         assert_eq!(events.next().await, Some(LineEvent::Lagged(3)));
         assert_eq!(events.next().await, Some(LineEvent::Bus(Event::Babble)));
@@ -149,7 +173,7 @@ mod tests {
     async fn a_state_is_told_once_and_to_the_observer_first() {
         let seen = Arc::new(std::sync::Mutex::new(Vec::new()));
         let writer = Arc::clone(&seen);
-        let observer = move |event: &LineEvent| writer.lock().unwrap().push(event.clone());
+        let observer = move |events: &[LineEvent]| writer.lock().unwrap().extend_from_slice(events);
         let mut publisher = Publisher::new(Some(Box::new(observer)));
         let missing = LineState::Absent(Arc::new(PortError::Missing));
         for state in [&LineState::Opening, &missing, &missing, &LineState::Up] {

@@ -58,7 +58,9 @@ mod wake_flag;
 
 pub use error::{Holder, PortAccess, PortError};
 pub use event::{Events, LineEvent, LineState, Observer};
-pub use line::{Done, JOBS_MAX, LATE_MAX, Line, LineConfig, ModuleChanges, ProbeResult, reply_in};
+pub use line::{
+    Done, JOBS_MAX, LATE_MAX, Line, LineConfig, ModuleChanges, ProbeResult, RunId, reply_in,
+};
 pub use mbtcp::ModbusTcpPort;
 pub use name::{LineName, NameError};
 pub use port::{AnyPort, Port};

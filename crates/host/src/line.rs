@@ -2,7 +2,7 @@
 
 use crate::clock::{Alarm, Clock};
 use crate::event::Publisher;
-use crate::pending::ProbeReply;
+use crate::pending::{ProbeReply, RunReply};
 use crate::tap::Tap;
 use crate::task::Task;
 use crate::{
@@ -66,6 +66,10 @@ impl fmt::Debug for LineConfig {
             .finish_non_exhaustive()
     }
 }
+
+/// Identifies an op of [`Line::submit`] to the observer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RunId(pub u64);
 
 /// The result of a successful command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -136,7 +140,7 @@ pub(crate) enum Job {
         module: ModuleId,
         op: Op,
         terms: Terms,
-        reply: oneshot::Sender<Result<Done, Fault>>,
+        reply: RunReply,
     },
     Probe {
         probe: Probe,
@@ -264,10 +268,25 @@ impl Line {
             module,
             op,
             terms,
-            reply,
+            reply: RunReply::Caller(reply),
         })?;
         // There is no answer only if the line's task has panicked.
         end.await.unwrap_or(Err(Fault::Unknown))
+    }
+
+    /// Hands in an op without waiting. The observer gets its end ([`LineEvent::Ended`]) in the same
+    /// call as the events of that wake-up, exactly once; a line without an observer reports none.
+    ///
+    /// # Errors
+    /// [`Fault::Closed`], or [`Fault::Overloaded`] if too many wait. Then there is no further end.
+    pub fn submit(&self, run: RunId, module: ModuleId, op: Op, terms: Terms) -> Result<(), Fault> {
+        let reply = RunReply::Observer(run);
+        self.enqueue(Job::Run {
+            module,
+            op,
+            terms,
+            reply,
+        })
     }
 
     /// Makes a raw exchange between the line's own; probes run one after the other. Dropping the

@@ -1,7 +1,8 @@
 //! The calls that wait for a result.
 
 use crate::clock::Clock;
-use crate::line::{Done, LATE_MAX, ProbeResult};
+use crate::event::Publisher;
+use crate::line::{Done, LATE_MAX, ProbeResult, RunId};
 use crate::tap::{Tap, TapSender};
 use railbus_bus::LateReply;
 use railbus_bus::{COMMANDS_MAX, Confirmed, Fault, ModuleId, Probe, Probed, Ticket};
@@ -17,6 +18,29 @@ const PROBES_MAX: usize = 16;
 
 /// Where the result of a probe is sent.
 pub(crate) type ProbeReply = oneshot::Sender<Result<ProbeResult, Fault>>;
+
+/// Where the end of a run is sent.
+#[derive(Debug)]
+pub(crate) enum RunReply {
+    /// To a caller that waits.
+    Caller(oneshot::Sender<Result<Done, Fault>>),
+    /// To the observer.
+    Observer(RunId),
+}
+
+impl RunReply {
+    /// Sends it: to a caller only once the observer has all events before it.
+    pub(crate) fn send(self, end: Result<Done, Fault>, publisher: &mut Publisher) {
+        match self {
+            RunReply::Caller(reply) => {
+                publisher.flush();
+                // Fails if the caller is gone.
+                let _ = reply.send(end);
+            }
+            RunReply::Observer(run) => publisher.ended(run, end),
+        }
+    }
+}
 
 /// All pending calls.
 #[derive(Debug)]
@@ -40,7 +64,7 @@ pub(crate) struct PendingRun {
     pub(crate) submitted: Instant,
     /// The last observation that may be the answer, and when its request began.
     pub(crate) seen: Option<(Observation, Instant)>,
-    pub(crate) reply: oneshot::Sender<Result<Done, Fault>>,
+    pub(crate) reply: RunReply,
 }
 
 /// A caller that waits for a probe's end. What comes back is recorded here, because the state
@@ -184,7 +208,12 @@ impl PendingCalls {
     }
 
     /// A command ended.
-    pub(crate) fn end(&mut self, ticket: Ticket, end: Result<Confirmed, Fault>, took: Micros) {
+    pub(crate) fn end(
+        &mut self,
+        ticket: Ticket,
+        (end, took): (Result<Confirmed, Fault>, Micros),
+        publisher: &mut Publisher,
+    ) {
         let Some(index) = self.runs.iter().position(|run| run.ticket == ticket) else {
             return;
         };
@@ -202,8 +231,7 @@ impl PendingCalls {
                 (run.op.is_read() || is_after).then_some(seen)
             }),
         });
-        // Fails if the caller is gone.
-        let _ = run.reply.send(done);
+        run.reply.send(done, publisher);
     }
 
     /// A late reply to a probe: kept for the result of the next probe.
@@ -231,9 +259,9 @@ impl PendingCalls {
 
     /// The line is closed: all pending calls end. How a probe ended that was sent and may change
     /// something is unknown.
-    pub(crate) fn clear(&mut self, probe_was_sent: bool) {
+    pub(crate) fn clear(&mut self, probe_was_sent: bool, publisher: &mut Publisher) {
         for run in self.runs.drain(..) {
-            let _ = run.reply.send(Err(Fault::Unknown));
+            run.reply.send(Err(Fault::Unknown), publisher);
         }
         if let Some(probe) = self.probe.take() {
             let unknown = probe_was_sent && probe.changes;
@@ -264,7 +292,7 @@ mod tests {
             op,
             submitted: Instant(100),
             seen: None,
-            reply,
+            reply: RunReply::Caller(reply),
         });
         (pending, end)
     }
@@ -289,7 +317,8 @@ mod tests {
             Observation::Analogs([1, 2]),
             at,
         );
-        pending.end(Ticket(7), Ok(Confirmed::Reply), Micros(5));
+        let end_of = (Ok(Confirmed::Reply), Micros(5));
+        pending.end(Ticket(7), end_of, &mut Publisher::new(None));
         let done = end.try_recv().unwrap().unwrap();
         assert_eq!(done.seen, Some(outputs(2)));
         assert!(pending.is_idle());
@@ -305,7 +334,8 @@ mod tests {
         ] {
             let (mut pending, mut end) = pending_with(Op::Toggle(4));
             pending.seen(ModuleId(1), &Op::ReadOutputs, outputs(4), Instant(asked));
-            pending.end(Ticket(7), Ok(confirmed), Micros(5));
+            let end_of = (Ok(confirmed), Micros(5));
+            pending.end(Ticket(7), end_of, &mut Publisher::new(None));
             assert_eq!(end.try_recv().unwrap().unwrap().seen, seen);
         }
     }

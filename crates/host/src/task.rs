@@ -171,7 +171,7 @@ impl<P: Port> Task<P> {
             }
         }
         self.publisher.set_state(LineState::Closed);
-        if let Some(reply) = self.closing.and_then(|closing| closing.reply) {
+        if let Some(reply) = self.closing.take().and_then(|closing| closing.reply) {
             let _ = reply.send(());
         }
     }
@@ -180,7 +180,8 @@ impl<P: Port> Task<P> {
     async fn open(&mut self) -> Option<Result<(), PortError>> {
         let (members, bus, told) = (&mut self.members, &mut self.bus, self.told);
         let change = |change| members.change(bus, told, change);
-        match without_port(&mut self.jobs, change, self.port.open()).await {
+        let queue = (&mut self.jobs, &mut self.publisher);
+        match without_port(queue, change, self.port.open()).await {
             Ok(end) => Some(end),
             Err(closed) => {
                 self.begin_close(closed);
@@ -194,7 +195,8 @@ impl<P: Port> Task<P> {
         let (members, bus, told) = (&mut self.members, &mut self.bus, self.told);
         let change = |change| members.change(bus, told, change);
         let wait = self.alarm.sleep(pause);
-        if let Err(closed) = without_port(&mut self.jobs, change, wait).await {
+        let queue = (&mut self.jobs, &mut self.publisher);
+        if let Err(closed) = without_port(queue, change, wait).await {
             self.begin_close(closed);
         }
     }
@@ -226,7 +228,8 @@ impl<P: Port> Task<P> {
         while let Output::Event(event) = self.bus.poll() {
             self.on_event(event);
         }
-        self.pending.clear(probe_was_sent);
+        self.pending.clear(probe_was_sent, &mut self.publisher);
+        self.publisher.flush();
         match stop {
             Stop::Lost(error) => Some(PortError::of_loss(&error)),
             Stop::Closed => None,
@@ -270,8 +273,9 @@ impl<P: Port> Task<P> {
 
     /// Does what the state machine wants, and sets the alarm for its deadline.
     fn react(&mut self) -> Result<(), Stop> {
-        let deadline = self.drain()?;
-        self.alarm.set(deadline)?;
+        let deadline = self.drain();
+        self.publisher.flush();
+        self.alarm.set(deadline?)?;
         Ok(())
     }
 
@@ -352,7 +356,8 @@ impl<P: Port> Task<P> {
         Instant(now.0.saturating_sub(self.lag.0)).max(self.told)
     }
 
-    /// Events are published before the caller gets its result: a read after a write sees the write.
+    /// The observer has all events before a caller gets its result: a read after a write sees the
+    /// write.
     fn on_event(&mut self, event: Event) {
         self.publisher.publish(&event);
         match event {
@@ -363,7 +368,9 @@ impl<P: Port> Task<P> {
                 asked,
                 ..
             } => self.pending.seen(module, &op, seen, asked),
-            Event::Done { ticket, end, took } => self.pending.end(ticket, end, took),
+            Event::Done { ticket, end, took } => {
+                self.pending.end(ticket, (end, took), &mut self.publisher);
+            }
             Event::ProbedLate {
                 exchange,
                 after,
@@ -374,6 +381,7 @@ impl<P: Port> Task<P> {
                 again,
             }),
             Event::Probed { outcome, after } => {
+                self.publisher.flush();
                 self.pending.end_probe(outcome, after, self.bus.took_echo());
             }
             _ => {}
@@ -407,7 +415,7 @@ impl<P: Port> Task<P> {
                     seen: None,
                     reply,
                 }),
-                Err(fault) => drop(reply.send(Err(fault))),
+                Err(fault) => reply.send(Err(fault), &mut self.publisher),
             },
             Some(Job::Probe { probe, reply }) => self.pending.queue_probe(probe, reply),
             Some(Job::Tap { reply }) => {
@@ -439,10 +447,7 @@ impl<P: Port> Task<P> {
 
     /// Begins to close the line: takes no more jobs.
     fn begin_close(&mut self, reply: Option<oneshot::Sender<()>>) {
-        self.jobs.close();
-        while let Ok(job) = self.jobs.try_recv() {
-            job.refuse();
-        }
+        self.refuse_all();
         let until = self.alarm.now() + CLOSING_MAX;
         self.closing = Some(Closing { until, reply });
     }
@@ -476,11 +481,30 @@ impl<P: Port> Task<P> {
     }
 }
 
+impl<P> Task<P> {
+    /// Takes no more jobs.
+    fn refuse_all(&mut self) {
+        self.jobs.close();
+        while let Ok(job) = self.jobs.try_recv() {
+            job.refuse(&mut self.publisher);
+        }
+    }
+}
+
+impl<P> Drop for Task<P> {
+    /// A task that panicked, or whose runtime ended, owes ends. After [`Task::run`] there are none.
+    fn drop(&mut self) {
+        self.refuse_all();
+        self.pending.clear(true, &mut self.publisher);
+        self.publisher.flush();
+    }
+}
+
 impl Job {
     /// Ends a job that needs a port.
-    fn refuse(self) {
+    fn refuse(self, publisher: &mut Publisher) {
         match self {
-            Job::Run { reply, .. } => drop(reply.send(Err(Fault::Closed))),
+            Job::Run { reply, .. } => reply.send(Err(Fault::Closed), publisher),
             Job::Probe { reply, .. } => drop(reply.send(Err(Fault::Closed))),
             // The caller sees that the channel is closed.
             Job::Tap { reply } => drop(reply),
@@ -493,7 +517,7 @@ impl Job {
 /// Waits for something while there is no port: modules can change, other jobs are refused. If the
 /// line is closed meanwhile, the error says by whom.
 async fn without_port<T>(
-    jobs: &mut mpsc::Receiver<Job>,
+    (jobs, publisher): (&mut mpsc::Receiver<Job>, &mut Publisher),
     mut change: impl FnMut(ModuleChanges),
     work: impl Future<Output = T>,
 ) -> Result<T, Option<oneshot::Sender<()>>> {
@@ -504,9 +528,10 @@ async fn without_port<T>(
                 None => return Poll::Ready(Err(None)),
                 Some(Job::Close { reply }) => return Poll::Ready(Err(Some(reply))),
                 Some(Job::Change(wanted)) => change(wanted),
-                Some(job) => job.refuse(),
+                Some(job) => job.refuse(publisher),
             }
         }
+        publisher.flush();
         work.as_mut().poll(cx).map(Ok)
     })
     .await

@@ -5,8 +5,8 @@ mod support;
 use railbus_host::{
     Bank, Baud, Channel, Character, Confirmed, Event, Events, Exchange, Family, Fault, Holder,
     Line, LineEvent, LineName, LineState, Medium, Micros, ModuleId, Observation, Op, Past, Plan,
-    Port, PortError, Presence, Probe, Probed, Protocol, SerialOptions, SerialPort, Settings, Setup,
-    Terms,
+    Port, PortError, Presence, Probe, Probed, Protocol, RunId, SerialOptions, SerialPort, Settings,
+    Setup, Terms,
 };
 use railbus_wire::{Address, rtu};
 use rustix::termios::{ControlModes, Termios, tcgetattr};
@@ -149,14 +149,60 @@ async fn a_paced_line_of_all_families_is_polled() {
 }
 
 #[tokio::test]
+async fn an_end_comes_to_the_observer_with_the_reading_it_rests_on_and_once() {
+    let (master, path) = pty();
+    let _player = Player::start(master, &[erc8()], false);
+    let (told, mut calls) = tokio::sync::mpsc::unbounded_channel();
+    let mut config = config(serial(&path), &[erc8()], Plan::NEVER);
+    config.observer = Some(Box::new(move |events: &[LineEvent]| {
+        let _ = told.send(events.to_vec());
+    }));
+    let line = Line::open(config).expect("a line");
+    soon(line.opened()).await.expect("open");
+    let submit = |run| line.submit(RunId(run), FIRST, switch(0, true), Terms::default());
+    submit(7).expect("room");
+    let mut ended = false;
+    while !ended {
+        let call = soon(calls.recv()).await.expect("the line lives");
+        let mut seen = false;
+        for event in call {
+            match event {
+                LineEvent::Bus(Event::Seen { .. }) => seen = true,
+                LineEvent::Ended(run, end) => {
+                    assert_eq!(run, RunId(7));
+                    assert!(end.is_ok() && seen, "{end:?}");
+                    ended = true;
+                }
+                _ => {}
+            }
+        }
+    }
+    // What the line has not done when it is closed ends too.
+    for run in 8..12 {
+        submit(run).expect("room");
+    }
+    soon(line.close()).await;
+    assert_eq!(submit(12), Err(Fault::Closed));
+    let mut ends = Vec::new();
+    while let Some(call) = soon(calls.recv()).await {
+        ends.extend(call.into_iter().filter_map(|event| match event {
+            LineEvent::Ended(run, _) => Some(run.0),
+            _ => None,
+        }));
+    }
+    ends.sort_unstable();
+    assert_eq!(ends, [8, 9, 10, 11]);
+}
+
+#[tokio::test]
 async fn events_are_told_before_the_caller_is_answered() {
     let (master, path) = pty();
     let _player = Player::start(master, &[erc8()], false);
     let told = Arc::new(Mutex::new(Vec::new()));
     let writer = Arc::clone(&told);
     let mut config = config(serial(&path), &[erc8()], Plan::NEVER);
-    config.observer = Some(Box::new(move |event| {
-        writer.lock().expect("a lock").push(event.clone());
+    config.observer = Some(Box::new(move |events| {
+        writer.lock().expect("a lock").extend_from_slice(events);
     }));
     let line = Line::open(config).expect("a line");
     let mut events = line.events();

@@ -97,6 +97,8 @@ pub(crate) struct Inner {
     runtime: tokio::runtime::Handle,
     start: tokio::time::Instant,
     polls: bool,
+    #[cfg(test)]
+    counts: Mutex<BTreeMap<&'static str, usize>>,
 }
 
 /// The core, and what it is driven with: one lock for all of it.
@@ -191,6 +193,8 @@ impl Service {
                 runtime: tokio::runtime::Handle::current(),
                 start: tokio::time::Instant::now(),
                 polls,
+                #[cfg(test)]
+                counts: Mutex::default(),
             }),
             who: Who::program("railbus"),
         };

@@ -24,7 +24,7 @@ pub(crate) type TaskId = u64;
 
 /// What asked for something outside; the reply carries it back.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) struct RequestId(u64);
+pub(crate) struct RequestId(pub(crate) u64);
 
 /// What was asked for outside the core, done.
 #[derive(Debug)]

@@ -288,7 +288,7 @@ impl State {
                 return vec![this()];
             }
             LineEvent::Bus(event) => event,
-            LineEvent::Lagged(_) => return Vec::new(),
+            LineEvent::Lagged(_) | LineEvent::Ended(..) => return Vec::new(),
         };
         let name = |id: ModuleId| known.modules.get(id.0).cloned().unwrap_or_default();
         if module_of(event).is_some_and(|id| name(id).is_empty()) {

@@ -2,9 +2,10 @@
 
 use super::{Driven, Inner, lock, prepare, promise_file};
 use crate::core::{Core, Input, LineId, Now, Output, Reply, RequestId, State};
-use railbus_host::{Fault, Line, LineConfig, PortError, Terms};
+use railbus_host::{Fault, Line, LineConfig, LineEvent, PortError, RunId, Terms};
 use railbus_wire::{Instant, Micros};
 use std::sync::{Arc, Weak};
+use std::task::{Context, Poll, Waker};
 use std::time::{Duration, SystemTime};
 use tokio::sync::Notify;
 
@@ -20,6 +21,7 @@ pub(super) async fn tell_time(site: Weak<Inner>, alarm: Arc<Notify>) {
         let Some(inner) = site.upgrade() else {
             return;
         };
+        inner.count("of time");
         inner.drive(|core, now| core.handle(now, Input::Time));
         let mut driven = lock(&inner.driven);
         driven.alarm_at = driven.core.deadline();
@@ -49,6 +51,14 @@ async fn sleep_until(at: Option<tokio::time::Instant>) {
     }
 }
 
+/// What an event of a line is to the core.
+fn input<'a>(id: LineId, line: &'a str, event: &'a LineEvent) -> Input<'a> {
+    match event {
+        LineEvent::Ended(run, end) => Input::Done(RequestId(run.0), Reply::Ran(*end)),
+        event => Input::Line(id, line, event),
+    }
+}
+
 impl Inner {
     /// The line's handle, where it is open.
     pub(super) fn handle(&self, line: &str) -> Option<Line> {
@@ -66,11 +76,18 @@ impl Inner {
         mut config: LineConfig,
     ) -> Result<Micros, PortError> {
         let (inner, line) = (Arc::downgrade(self), name.to_owned());
-        config.observer = Some(Box::new(move |event| {
+        config.observer = Some(Box::new(move |events| {
             // The task outlives the site only while it closes its port.
-            if let Some(inner) = inner.upgrade() {
-                inner.drive(|core, now| core.handle(now, Input::Line(id, &line, event)));
-            }
+            let Some(inner) = inner.upgrade() else {
+                return;
+            };
+            inner.count("of lines");
+            // With one lock: a command ends with the reading it rests on.
+            inner.drive(|core, now| {
+                for event in events {
+                    core.handle(now, input(id, &line, event));
+                }
+            });
         }));
         let _entered = self.runtime.enter();
         let opened = Line::open(config)?;
@@ -100,6 +117,7 @@ impl Inner {
 
     /// Lets the core take a step, and does what it says.
     pub(super) fn drive<T>(self: &Arc<Inner>, step: impl FnOnce(&mut Core, Now) -> T) -> T {
+        self.count("steps");
         let mut driven = lock(&self.driven);
         let result = step(&mut driven.core, self.now());
         while let Some(output) = driven.core.poll() {
@@ -142,10 +160,11 @@ impl Inner {
                 let left = expires - self.now().site;
                 let expires = Some(line.now() + left);
                 let terms = Terms { verify, expires };
-                self.runtime.spawn(async move {
-                    let end = line.run(at.module, op, terms).await;
-                    inner.done(request, Reply::Ran(end));
-                });
+                let run = RunId(request.0);
+                if let Err(fault) = line.submit(run, at.module, op, terms) {
+                    let input = Input::Done(request, Reply::Ran(Err(fault)));
+                    driven.core.handle(self.now(), input);
+                }
             }
             Output::Begin {
                 request,
@@ -154,10 +173,8 @@ impl Inner {
                 note,
                 before,
             } => {
-                _ = self.runtime.spawn(async move {
-                    let begun = inner.begin(&module, label, note, before).await;
-                    inner.done(request, Reply::Begun(begun));
-                })
+                let begun = async move { inner.begin(&module, label, note, before).await };
+                self.answer(driven, request, begun, Reply::Begun);
             }
             Output::End {
                 request,
@@ -165,10 +182,8 @@ impl Inner {
                 end,
                 after,
             } => {
-                _ = self.runtime.spawn(async move {
-                    inner.end(begun, end, after).await;
-                    inner.done(request, Reply::Ended);
-                })
+                let ended = async move { inner.end(begun, end, after).await };
+                self.answer(driven, request, ended, |()| Reply::Ended);
             }
             Output::Open { line, id, config } => {
                 // A configuration that was read has no line that can't be.
@@ -225,7 +240,96 @@ impl Inner {
         });
     }
 
+    /// Answers a request with what comes of this. It is begun at once, in the same step: without an
+    /// audit log it ends there, and with one its record is in the log's queue before another task
+    /// waits for it.
+    fn answer<T: 'static>(
+        self: &Arc<Inner>,
+        driven: &mut Driven,
+        request: RequestId,
+        work: impl Future<Output = T> + Send + 'static,
+        reply: fn(T) -> Reply,
+    ) {
+        let mut work = Box::pin(work);
+        let begun = {
+            // Its time limit needs one.
+            let _entered = self.runtime.enter();
+            let mut noop = Context::from_waker(Waker::noop());
+            work.as_mut().poll(&mut noop)
+        };
+        if let Poll::Ready(value) = begun {
+            let input = Input::Done(request, reply(value));
+            return driven.core.handle(self.now(), input);
+        }
+        self.count("tasks");
+        let inner = Arc::clone(self);
+        self.runtime.spawn(async move {
+            let value = work.await;
+            inner.done(request, reply(value));
+        });
+    }
+
+    /// Counts what a command costs, for the tests.
+    #[cfg(test)]
+    fn count(&self, what: &'static str) {
+        *lock(&self.counts).entry(what).or_default() += 1;
+    }
+
+    #[cfg(not(test))]
+    #[allow(clippy::unused_self)]
+    const fn count(&self, _what: &'static str) {}
+
     fn done(self: &Arc<Inner>, request: RequestId, reply: Reply) {
         self.drive(|core, now| core.handle(now, Input::Done(request, reply)));
+    }
+}
+
+#[cfg(test)]
+#[path = "../../tests/service/board.rs"]
+#[allow(dead_code)]
+mod board;
+
+#[cfg(test)]
+mod tests {
+    use super::super::Service;
+    use super::*;
+    use crate::{Config, WriteTerms};
+    use railbus_store::audit::AuditLog;
+
+    /// A write with its read-back: the steps of the core, each with one lock, but for those that
+    /// the events of its line take anyway; and the tasks that wait for something meanwhile.
+    async fn cost_of_a_write(service: &Service) -> (usize, usize) {
+        let cost = || {
+            let counts = lock(&service.inner.counts);
+            let of = |what| counts.get(what).copied().unwrap_or_default();
+            (of("steps") - of("of lines") - of("of time"), of("tasks"))
+        };
+        let before = cost();
+        let set = [(board::k(1), true)];
+        let done = service.write("oven", &set, WriteTerms::default()).await;
+        assert!(done.is_ok(), "{done:?}");
+        let after = cost();
+        (after.0 - before.0, after.1 - before.1)
+    }
+
+    #[tokio::test]
+    async fn a_write_takes_a_step_to_begin_one_for_each_entry_and_none_for_its_end() {
+        let (port, _boards) = board::start().await;
+        let text = format!(
+            "[line.main]\nport = \"{port}\"\n\
+             [module.oven]\nline = \"main\"\nmodel = \"erc8\"\naddress = 3\n"
+        );
+        let service = Service::start_quiet(Config::parse(&text).unwrap()).unwrap();
+        service.opened("main").await.unwrap();
+        assert_eq!(cost_of_a_write(&service).await, (1, 0), "without a log");
+
+        let folder = std::env::temp_dir().join(format!("railbus-cost-{}", std::process::id()));
+        let (log, _) = AuditLog::open(&folder).unwrap();
+        service.keep_audit(log);
+        let (steps, tasks) = cost_of_a_write(&service).await;
+        // Fewer where the log has written a record before it is looked at.
+        assert!(steps <= 3 && tasks <= 2, "with a log: {steps}, {tasks}");
+        service.close().await;
+        let _ = std::fs::remove_dir_all(folder);
     }
 }
