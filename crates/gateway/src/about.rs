@@ -2,9 +2,10 @@
 
 use super::access::Need;
 use super::doc::Doc;
+use super::northbound::routes::all as outlets;
 use super::route::{Answer, Asked, Route};
 use super::site::Site;
-use super::{answer, language, northbound};
+use super::{answer, language};
 use axum::extract::{Path, State};
 use axum::http::{HeaderMap, StatusCode};
 use axum::routing::get;
@@ -157,7 +158,7 @@ async fn examine(State(site): State<Site>, asked: Asked, headers: HeaderMap) -> 
     let (lines, modules) = (ask::lines(&site.service), ask::modules(&site.service));
     let points = ask::points(&site.service, &[]);
     let certificate = site.tls.as_ref().map(|tls| tls.expiry());
-    let outlets = northbound::all(&site, &headers);
+    let outlets = outlets(&site, &headers);
     let config = config_file::Found {
         config: (*site.service.config()).clone(),
         path: site.desk.file().to_owned(),

@@ -8,7 +8,7 @@
 
 mod kind;
 mod outlet;
-mod routes;
+pub(super) mod routes;
 mod run;
 mod secrets;
 mod settings;
@@ -19,10 +19,8 @@ mod tests;
 mod textline;
 mod webhook;
 
-pub(super) use routes::{ROUTES, all};
 pub(super) use run::{Northbound, OutletFigures};
 
-use super::route::Route;
 use kind::OutletKind;
 use railbus_api::problem::{Kind, Problem};
 use railbus_app::api::failures::bad_config;
@@ -40,11 +38,6 @@ static NORTHBOUND: &[&OutletKind] = &[
 /// The names of all kinds.
 pub(super) fn kinds() -> impl Iterator<Item = &'static str> {
     NORTHBOUND.iter().map(|kind| kind.name)
-}
-
-/// The routes that kinds have of their own.
-pub(super) fn routes() -> impl Iterator<Item = &'static Route> {
-    NORTHBOUND.iter().flat_map(|kind| kind.routes)
 }
 
 /// Whether a table of the configuration, such as `outlet.plant`, is one of an outlet.

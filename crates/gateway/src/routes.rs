@@ -1,5 +1,5 @@
 //! The routes of the API. Every file of handlers has a table of its routes; [`ALL`] is the list of
-//! tables; beside them kinds of outlets have routes, and nothing else is served.
+//! tables, and nothing else is served.
 
 use super::access::{Caller, Need, SESSION_ROUTES, USER_ROUTES, check, identify};
 use super::doc::Doc;
@@ -46,12 +46,13 @@ const ALL: &[&[Route]] = &[
     settings::ROUTES,
     sim::ROUTES,
     ws::ROUTES,
-    northbound::ROUTES,
+    northbound::routes::ROUTES,
+    northbound::routes::OF_KINDS,
 ];
 
-/// Every route of the API: those of the tables, and those that a kind of outlet has of its own.
+/// Every route of the API.
 pub(super) fn all() -> impl Iterator<Item = &'static Route> {
-    ALL.iter().copied().flatten().chain(northbound::routes())
+    ALL.iter().copied().flatten()
 }
 
 /// Routes for monitoring, outside the API.

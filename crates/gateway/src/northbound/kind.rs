@@ -1,7 +1,6 @@
 //! What a kind of outlet is: its name, its settings as data, and its functions.
 
 use super::outlet::Outlet;
-use crate::route::Route;
 use railbus_api::problem::{Kind as ProblemKind, Problem, codes};
 use railbus_site::config::change::Keys;
 use railbus_site::{Config, Events};
@@ -49,8 +48,6 @@ pub(crate) struct OutletKind {
     pub(crate) missing: ProblemKind,
     /// Refuses destinations that only the owner of the daemon may add.
     pub(crate) may_lead: fn(old: &Config, new: &Config) -> Result<(), Problem>,
-    /// Routes of its own, besides those of all outlets.
-    pub(crate) routes: &'static [Route],
 }
 
 impl std::fmt::Debug for OutletKind {
@@ -137,7 +134,6 @@ impl OutletKind {
             events: TABLE,
             missing: codes::NO_SUCH_OUTLET,
             may_lead: |_, _| Ok(()),
-            routes: &[],
         }
     }
 

@@ -31,6 +31,9 @@ use std::sync::atomic::Ordering::Relaxed;
 use std::time::{Duration, Instant};
 use utoipa::ToSchema;
 
+/// The routes of kinds that are older than the routes of this file.
+pub(crate) const OF_KINDS: &[Route] = super::webhook::routes::ROUTES;
+
 /// The longest time of a test.
 const TEST_MAX: Duration = Duration::from_secs(15);
 

@@ -2,7 +2,7 @@
 
 mod hook;
 mod request;
-mod routes;
+pub(super) mod routes;
 mod schema;
 mod target;
 

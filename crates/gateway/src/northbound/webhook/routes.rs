@@ -27,7 +27,7 @@ use std::time::Instant;
 use utoipa::ToSchema;
 
 /// The routes of this file.
-pub(super) const ROUTES: &[Route] = &[
+pub(in crate::northbound) const ROUTES: &[Route] = &[
     Route::new("GET", "/webhooks", Need::ENGINEER, || get(list)).doc(
         Doc::new("Who is told of events over HTTP, and how that goes").answers::<WebhookList>(),
     ),
@@ -50,10 +50,6 @@ pub(super) const ROUTES: &[Route] = &[
     })
     .doc(Doc::new("Send an event for a test, and say what came back").answers::<WebhookTest>()),
 ];
-
-/// The lengths that a secret may have, in bytes.
-pub(super) const SECRET_MIN: usize = 16;
-pub(super) const SECRET_MAX: usize = 256;
 
 /// A secret for a webhook; null for none. It is read as that of any outlet.
 #[derive(Deserialize, ToSchema)]

@@ -1,7 +1,6 @@
 //! Webhooks in the table of outlets. Their sections, `[webhook.NAME]`, are read by
 //! `railbus_site::config`.
 
-use super::routes::{ROUTES, SECRET_MAX, SECRET_MIN};
 use super::{target, test, work};
 use crate::northbound::kind::{ENABLED, Field, OnChange, OutletKind, Pair, Shape};
 use railbus_api::problem::codes;
@@ -9,6 +8,10 @@ use railbus_site::Config;
 use railbus_site::config::change::Keys;
 use railbus_site::config::{URL_MAX, Webhook};
 use railbus_store::history::Severity;
+
+/// The lengths that a secret may have, in bytes.
+const SECRET_MIN: usize = 16;
+const SECRET_MAX: usize = 256;
 
 /// Webhooks: events of the site, sent over HTTP. They are older than the table of outlets, so
 /// that their section, their routes and the codes of their events have their own names.
@@ -20,7 +23,6 @@ pub(in crate::northbound) static KIND: OutletKind = OutletKind {
     missing: codes::NO_SUCH_HOOK,
     on_change: OnChange::HandOver,
     may_lead: target::may_lead,
-    routes: ROUTES,
     ..OutletKind::new("webhook", WORDS, FIELDS, work, test)
 };
 
