@@ -1,7 +1,9 @@
 //! The events of a line: readings, ends of commands, and changes of the line itself.
 
-use crate::ModuleId;
+use crate::{COMMANDS_MAX, ModuleId};
 use alloc::collections::VecDeque;
+#[cfg(test)]
+use alloc::vec::Vec;
 use core::fmt;
 use railbus_device::{Observation, Op, Refusal};
 use railbus_wire::{Exchange, Instant, Malformed, Micros};
@@ -223,6 +225,13 @@ pub enum Event {
         /// The probe was answered before: this is a second reply.
         again: bool,
     },
+    /// The driver did not fetch the events in time, and so many were lost; ends of commands and
+    /// probes only after all others. Whether modules answer is to be asked anew
+    /// ([`Bus::presence`](crate::Bus::presence)), and everything is read again.
+    Overflow {
+        /// How many events were lost.
+        lost: u32,
+    },
 }
 
 /// A late reply to a probe.
@@ -251,26 +260,90 @@ pub enum Probed {
     Unsafe,
 }
 
-/// The most events that wait for the driver, which fetches all of them after each input; only
-/// closing with a full queue of commands makes this many.
+/// The most events that wait for the driver, which fetches all of them after each input: only
+/// closing a line with hundreds of modules makes this many.
 const EVENTS_MAX: usize = 512;
+/// Room kept for what must not be lost: the ends of all commands, and of a probe.
+const ENDS_MAX: usize = COMMANDS_MAX + 1;
 
 /// The events that the driver has not fetched yet.
 #[derive(Debug)]
-pub(crate) struct Events(VecDeque<Event>);
+pub(crate) struct Events {
+    waiting: VecDeque<Event>,
+    /// How many found no room since the driver last fetched all.
+    lost: u32,
+}
 
 impl Events {
     pub(crate) fn new() -> Events {
-        Events(VecDeque::with_capacity(EVENTS_MAX))
-    }
-
-    pub(crate) fn push(&mut self, event: Event) {
-        if self.0.len() < EVENTS_MAX {
-            self.0.push_back(event);
+        Events {
+            waiting: VecDeque::with_capacity(EVENTS_MAX),
+            lost: 0,
         }
     }
 
+    pub(crate) fn push(&mut self, event: Event) {
+        let most = match event {
+            Event::Done { .. } | Event::Probed { .. } => EVENTS_MAX,
+            _ => EVENTS_MAX - ENDS_MAX,
+        };
+        if self.waiting.len() < most {
+            self.waiting.push_back(event);
+        } else {
+            self.lost = self.lost.saturating_add(1);
+        }
+    }
+
+    /// The next event; after all that wait, whether any were lost.
     pub(crate) fn next(&mut self) -> Option<Event> {
-        self.0.pop_front()
+        let next = self.waiting.pop_front();
+        if next.is_none() && self.lost > 0 {
+            let lost = core::mem::take(&mut self.lost);
+            return Some(Event::Overflow { lost });
+        }
+        next
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What finds no room is counted; ends still find some.
+    #[test]
+    fn lost_events_are_counted_and_ends_are_not_among_them() {
+        let mut events = Events::new();
+        for _ in 0..EVENTS_MAX {
+            events.push(Event::Babble);
+        }
+        for number in 0..COMMANDS_MAX as u64 {
+            events.push(Event::Done {
+                ticket: Ticket(number),
+                end: Err(Fault::Closed),
+                took: Micros::ZERO,
+            });
+        }
+        events.push(Event::Probed {
+            outcome: Probed::Silent,
+            after: Micros::ZERO,
+        });
+        let all: Vec<Event> = core::iter::from_fn(|| events.next()).collect();
+        let count = |is: fn(&Event) -> bool| all.iter().filter(|event| is(event)).count();
+        assert_eq!(
+            count(|event| matches!(event, Event::Babble)),
+            EVENTS_MAX - ENDS_MAX
+        );
+        assert_eq!(
+            count(|event| matches!(event, Event::Done { .. })),
+            COMMANDS_MAX
+        );
+        assert_eq!(count(|event| matches!(event, Event::Probed { .. })), 1);
+        let lost = ENDS_MAX as u32;
+        assert_eq!(
+            all.last(),
+            Some(&Event::Overflow { lost }),
+            "after all others"
+        );
+        assert_eq!(events.next(), None, "reported once");
     }
 }

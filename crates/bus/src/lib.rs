@@ -253,7 +253,7 @@ impl Bus {
 
     /// The next thing to do; [`Output::Wait`] when there is nothing more.
     pub fn poll(&mut self) -> Output<'_> {
-        if let Some(event) = self.events.next() {
+        if let Some(event) = self.next_event() {
             return Output::Event(event);
         }
         let next = match &self.state {
@@ -263,7 +263,7 @@ impl Bus {
             State::Idle => {
                 let next = self.start_next();
                 if self.outgoing_taken
-                    && let Some(event) = self.events.next()
+                    && let Some(event) = self.next_event()
                 {
                     return Output::Event(event);
                 }
@@ -281,6 +281,14 @@ impl Bus {
             (Some(expiry), Some(next)) => Some(expiry.min(next)),
             (expiry, next) => expiry.or(next),
         })
+    }
+
+    fn next_event(&mut self) -> Option<Event> {
+        let event = self.events.next()?;
+        if let Event::Overflow { .. } = event {
+            self.read_all_again();
+        }
+        Some(event)
     }
 
     fn open(&mut self) {

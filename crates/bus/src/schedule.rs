@@ -232,6 +232,14 @@ impl Bus {
     fn invalidate_all(&mut self) {
         for state in self.modules.iter_mut().filter(|state| !state.retired) {
             state.invalidate();
+        }
+        self.read_all_again();
+    }
+
+    /// All polls are due.
+    #[cold]
+    pub(crate) fn read_all_again(&mut self) {
+        for state in &mut self.modules {
             for poll in &mut state.polls {
                 poll.due = self.now;
             }

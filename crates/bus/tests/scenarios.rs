@@ -500,6 +500,7 @@ impl Scenario {
             Event::Echo => "echo".to_owned(),
             Event::EchoGone => "echo gone".to_owned(),
             Event::Duplicates => "duplicates".to_owned(),
+            Event::Overflow { lost } => format!("overflow: {lost} lost"),
             Event::Babble => "babble".to_owned(),
             Event::Quiet => "quiet".to_owned(),
             Event::ProbedLate { after, again, .. } => {

@@ -384,7 +384,20 @@ impl<P: Port> Task<P> {
                 self.publisher.flush();
                 self.pending.end_probe(outcome, after, self.bus.took_echo());
             }
+            Event::Overflow { .. } => self.publish_presence(),
             _ => {}
+        }
+    }
+
+    /// Events were lost: whether each module answers is published anew.
+    #[cold]
+    fn publish_presence(&mut self) {
+        for module in (0..self.members.modules.len()).map(ModuleId) {
+            if !self.members.left.contains(&module) {
+                let presence = self.bus.presence(module);
+                self.publisher
+                    .publish(&Event::Presence { module, presence });
+            }
         }
     }
 

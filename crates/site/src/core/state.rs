@@ -358,6 +358,8 @@ impl State {
                 known.babble = *event == Event::Babble;
                 vec![this()]
             }
+            // Whether its modules answer follows, and everything is read again.
+            Event::Overflow { .. } => Vec::new(),
             Event::Echo | Event::EchoGone | Event::Duplicates | Event::Done { .. } => Vec::new(),
             Event::Probed { .. } | Event::ProbedLate { .. } => Vec::new(),
         }
