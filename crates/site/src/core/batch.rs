@@ -155,14 +155,24 @@ impl Context {
         mut done: BatchDone,
         items: &[Item],
         terms: BatchTerms,
-        (turn, before): (Turn, States),
+        (turn, mut before): (Turn, States),
     ) -> BatchDone {
         let held = Held::All(Arc::new(turn));
+        // A pulse of the module's own is over with the first command, and is not begun again: the
+        // output goes where it would have gone.
+        let cut = self.with(|state| state.own_pulses_of(items));
+        before.extend(cut.iter().map(|(place, end)| (place.clone(), *end)));
         self.switch_in_turn(who, &mut done, items, terms, &held)
             .await;
         if done.has_failed() {
             // Once undone, the outputs are as before, with their pulses and leases.
             self.undo(who, &mut done, items, &before, &held).await;
+            for part in &mut done.parts {
+                let is_cut = cut.contains_key(&part.place);
+                if is_cut && part.end == Err(Failure::Undone) {
+                    (part.end, done.undone) = (Err(Failure::NotUndone), false);
+                }
+            }
             return done;
         }
         let places: Vec<Place> = items.iter().map(|item| item.1.clone()).collect();
@@ -472,6 +482,15 @@ impl State {
         self.may_command(who, &place.module, &points, confirm)?;
         let rising = points.into_iter().filter(|_| on);
         self.watched(&place.module, rising)
+    }
+
+    /// The pulses of these that their modules are timing now, and the states after them.
+    fn own_pulses_of(&self, items: &[Item]) -> States {
+        let pulses = items.iter().filter_map(|(_, place, _)| {
+            let (until, end) = self.own_pulses.get(place)?;
+            (*until > self.now.site).then(|| (place.clone(), *end))
+        });
+        pulses.collect()
     }
 
     fn exclude_each_other(&self, items: &[Item]) -> bool {

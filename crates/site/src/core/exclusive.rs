@@ -102,25 +102,25 @@ impl Context {
     /// one: a module may have moved meanwhile. If the access has ended before, that of another
     /// caller goes on.
     pub(crate) async fn give_back(&self, line: &str, loan: LoanId, config: Option<Config>) {
-        self.with(|state| {
+        let _turn = self.line_turn().await;
+        // Whoever wanted it may have gone while it was being closed.
+        self.closed(&[line.to_owned()]).await;
+        let is_ended = self.with(|state| {
             let is_ended = state.end_loan(line, loan);
             if is_ended && state.lines.get(line).is_some_and(|now| now.id.is_none()) {
                 state.had_by_another(line);
             }
+            is_ended
         });
         if let Some(config) = config {
             // It is written already.
-            let _ = self.reload(config, None).await;
+            let returned = is_ended.then_some(line);
+            let _ = self.reload_in_turn(config, None, returned).await;
         }
-        let _turn = self.line_turn().await;
-        // Whoever wanted it may have gone while it was being closed.
-        self.closed(&[line.to_owned()]).await;
         self.with(|state| {
             let now = state.lines.get(line);
             let is_free = now.is_some_and(|now| now.id.is_none() && now.lent.is_none());
             if is_free && !state.is_closed {
-                // The line's clock starts anew.
-                state.had_by_another(line);
                 state.open_line(line);
                 state.publish(Update::Line(line.to_owned()));
             }

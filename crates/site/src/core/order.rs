@@ -145,6 +145,7 @@ impl Context {
         let states = self.with(|state| {
             state.note_fault(module, &end);
             state.release(module, &effect, acted, &limits);
+            state.note_own_pulse(module, points, order.op, acted);
             state.states(module, &after)
         });
         let ended = end_of(&end);
@@ -344,6 +345,23 @@ impl State {
             off: Vec::new(),
             falling,
             busy: Micros::from_millis(busy),
+        }
+    }
+
+    /// Takes note of a pulse that a module times by itself. Any later command for the output ends
+    /// it there [R55 §2.14].
+    fn note_own_pulse(&mut self, module: &str, points: &[Point], op: Op, acted: Acted) {
+        let now = self.now.site;
+        for place in places(module, points) {
+            match (op, acted) {
+                (_, Acted::No) => {}
+                (Op::Jog { close, millis, .. }, Acted::Perhaps | Acted::Surely) => {
+                    let until = now + Micros::from_millis(u64::from(millis.get()));
+                    self.own_pulses.insert(place, (until, !close));
+                }
+                (_, Acted::Surely) => _ = self.own_pulses.remove(&place),
+                (_, Acted::Perhaps) => {}
+            }
         }
     }
 

@@ -38,12 +38,23 @@ impl Context {
     /// stay where they are go on, and of their modules those that changed begin anew. Lines that
     /// changed themselves are closed and opened. None where it was not written.
     pub(crate) async fn reload(&self, config: Config, store: Option<Store>) -> Option<Reloaded> {
-        let config = Arc::new(config);
         let _turn = self.line_turn().await;
+        self.reload_in_turn(config, store, None).await
+    }
+
+    /// The same while no other procedure opens or closes lines; `returned` is a line whose holder
+    /// may have moved its modules.
+    pub(super) async fn reload_in_turn(
+        &self,
+        config: Config,
+        store: Option<Store>,
+        returned: Option<&str>,
+    ) -> Option<Reloaded> {
+        let config = Arc::new(config);
         // What was to be done later to outputs whose names are about to stand for others is done
         // now: afterwards it would meet no board, or another one. They accept no commands until
         // they are where they belong.
-        let others = self.with(|state| state.others(&config));
+        let others = self.with(|state| state.others(&config, returned));
         let (turns, left) = self.end_now(|place| others.contains(place), TURN_MAX).await;
         if let Some(store) = store
             && !self.store(store).await
@@ -92,11 +103,16 @@ impl Context {
 
 impl State {
     /// The outputs whose names are about to stand for others.
-    fn others(&self, config: &Config) -> BTreeSet<Place> {
+    fn others(&self, config: &Config, returned: Option<&str>) -> BTreeSet<Place> {
+        let old = self.site.config();
+        // The holder of a line may have moved its modules: then the name counts.
+        let may_have_moved = |module: &str| {
+            let line = old.modules.get(module).map(|module| &*module.line);
+            let now = line.and_then(|line| self.lines.get(line));
+            now.is_some_and(|now| now.lent.is_some()) || line.is_some() && line == returned
+        };
         let is_other = |place: &Place| {
-            // The holder of a line may have moved its modules: then the name counts.
-            let is_here = self.at(&place.module).is_some();
-            is_here && !same_board(self.site.config(), config, &place.module)
+            !may_have_moved(&place.module) && !same_board(old, config, &place.module)
         };
         self.outputs().into_iter().filter(is_other).collect()
     }

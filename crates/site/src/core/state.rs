@@ -46,6 +46,8 @@ pub(crate) struct State {
     /// Procedures that wait until a line is opened for the first time, or closed.
     pub(super) opening: BTreeSet<TaskId>,
     pub(super) line_turns: LineTurns,
+    /// Pulses that modules time by themselves: until when, and the state after that.
+    pub(super) own_pulses: BTreeMap<Place, (Micros, bool)>,
     /// How many lines were opened; the next one has this number.
     pub(super) lines_opened: u64,
     pub(super) newest_loan: u64,
@@ -81,6 +83,7 @@ impl State {
             polls,
             opening: BTreeSet::new(),
             line_turns: LineTurns::default(),
+            own_pulses: BTreeMap::new(),
             lines_opened: 0,
             newest_loan: 0,
             is_closed: false,
@@ -278,8 +281,10 @@ impl State {
             return Vec::new();
         };
         let event = match event {
-            // What the line's task says at its end does not matter any more.
-            LineEvent::State(_) if known.lent.is_some() && known.is_closing => return Vec::new(),
+            // What the line's task says at its end does not matter, unless the site ends.
+            LineEvent::State(_) if known.lent.is_some() && known.is_closing && !self.is_closed => {
+                return Vec::new();
+            }
             LineEvent::State(state) => {
                 known.state = state.clone();
                 if *state == LineState::Up {
@@ -427,6 +432,7 @@ impl State {
         self.guard.forget_doubts(|module| !keep(module));
         let config = self.site.config();
         self.guard.retain(|place| config.safety(place).is_some());
+        self.own_pulses.retain(|place, _| !is_other(&place.module));
         self.may_have_gone_off(is_other, self.now.site);
     }
 

@@ -2,6 +2,7 @@
 
 mod chance;
 mod disk;
+mod ends;
 mod names;
 mod outputs;
 mod places;

@@ -54,6 +54,8 @@ enum Due {
     Closed(LineId),
     Changed(RequestId, LineId, ModuleChanges),
     Stored(RequestId, Store),
+    /// A module ends a pulse of its own, unless something newer was done to the output.
+    Jogged(Seat, u32, bool, u64),
     /// All modules are asked.
     Poll,
 }
@@ -62,7 +64,7 @@ enum Due {
 type Ends<T> = Arc<Mutex<Option<(Micros, T)>>>;
 
 /// What waits for the end of a procedure.
-pub(super) struct End<T>(Ends<T>);
+pub(super) struct End<T>(Ends<T>, TaskId);
 
 impl<T: Clone> End<T> {
     /// When and how it ended.
@@ -104,6 +106,8 @@ pub(super) struct World {
     /// Ports that are gone.
     down: BTreeSet<String>,
     pub(super) events: Vec<Told>,
+    /// The configurations that were in force, and from when on.
+    pub(super) named: Vec<(Micros, Arc<Config>)>,
     /// The modules are read again and again.
     pub(super) polls: bool,
     /// The clock on the wall is so much behind.
@@ -145,6 +149,7 @@ impl World {
             only_acknowledged: false,
             down: BTreeSet::new(),
             events: Vec::new(),
+            named: Vec::new(),
             polls: true,
             wall_behind: Micros::ZERO,
             disk_takes: None,
@@ -206,6 +211,21 @@ impl World {
         self.order(move |core| async move { core.give_back(&line, loan, config).await })
     }
 
+    /// Whoever waits for this is gone.
+    pub(super) fn cancel<T>(&mut self, end: &End<T>) {
+        let now = self.time();
+        self.core.as_mut().unwrap().cancel(now, end.1);
+        self.drain();
+    }
+
+    /// What was dropped at the start is reported.
+    pub(super) fn tell_dropped_ends(&mut self) {
+        let now = self.time();
+        let core = self.core.as_mut().unwrap();
+        core.change(now, State::tell_dropped_ends);
+        self.drain();
+    }
+
     /// Ends the site.
     pub(super) fn close(&mut self) -> End<()> {
         self.order(|core| async move { core.close_site().await })
@@ -214,8 +234,9 @@ impl World {
     /// The process is killed. Frames that are on their way may still be obeyed.
     pub(super) fn kill(&mut self) {
         self.core = None;
-        let due = std::mem::take(&mut self.due);
-        for (_, one) in due {
+        let is_jog = |_: &(Micros, u64), due: &mut Due| matches!(due, Due::Jogged(..));
+        let jogs: BTreeMap<_, _> = self.due.extract_if(.., is_jog).collect();
+        for (_, one) in std::mem::replace(&mut self.due, jogs) {
             match one {
                 Due::Ran(_, at, op, Ok(()), _) | Due::Obeys(at, op) if self.dice.one_in(2) => {
                     self.obey(at, &op);
@@ -253,9 +274,9 @@ impl World {
         let now = self.time();
         *self.clock.lock().unwrap() = self.now;
         let end = move |value| *told.lock().unwrap() = Some((*clock.lock().unwrap(), value));
-        self.core.as_mut().unwrap().start(now, procedure, end);
+        let task = self.core.as_mut().unwrap().start(now, procedure, end);
         self.drain();
-        End(ends)
+        End(ends, task)
     }
 
     /// Switches one output, as whoever is named.
@@ -359,6 +380,7 @@ impl World {
             }
             Due::Finds(line) => self.finds(line),
             Due::Closed(line) => self.has_closed(line),
+            Due::Jogged(seat, mask, on, since) => self.has_jogged(seat, mask, on, since),
             Due::Changed(request, line, change) => self.has_changed(request, line, change),
             Due::Stored(request, Store(mut write)) => {
                 let mut noop = std::task::Context::from_waker(Waker::noop());
@@ -384,7 +406,23 @@ impl World {
         self.drain();
     }
 
+    /// Which configuration is in force since when.
+    fn note_config(&mut self) {
+        let Some(core) = &self.core else {
+            return;
+        };
+        let config = core.state.site.config();
+        if self
+            .named
+            .last()
+            .is_none_or(|(_, last)| !Arc::ptr_eq(last, config))
+        {
+            self.named.push((self.now, Arc::clone(config)));
+        }
+    }
+
     fn drain(&mut self) {
+        self.note_config();
         while let Some(output) = self.core.as_mut().and_then(Core::poll) {
             match output {
                 Output::Run {

@@ -14,6 +14,10 @@ pub(super) struct Board {
     pub(super) relays: u32,
     is_dead: bool,
     welded: u32,
+    /// Counts what it has obeyed.
+    obeyed: u64,
+    /// When each output was written last, counted so.
+    written: BTreeMap<u32, u64>,
 }
 
 /// An open line.
@@ -179,7 +183,8 @@ impl World {
             }
             _ => (Ok(()), self.dice.between(20, 60)),
         };
-        if matches!(op, Op::Write(_)) && end.is_ok() && self.dice.one_in(self.faults.reply_lost) {
+        let acts = matches!(op, Op::Write(_) | Op::Jog { .. });
+        if acts && end.is_ok() && self.dice.one_in(self.faults.reply_lost) {
             // It is obeyed all the same.
             self.add(free - now + ms(10), Due::Obeys(at, op));
             end = Err(lost);
@@ -230,21 +235,48 @@ impl World {
     pub(super) fn obey(&mut self, at: At, op: &Op) {
         let (now, seat) = (self.now, self.seat(at));
         let name = self.slot(at).map(|slot| slot.name.clone());
-        let (Op::Write(bank) | Op::WriteSilent(bank), Some(seat), Some(module)) = (op, seat, name)
-        else {
+        let (bank, millis) = match op {
+            Op::Write(bank) | Op::WriteSilent(bank) => (*bank, None),
+            Op::Jog {
+                channel,
+                close,
+                millis,
+            } => (Bank::one(*channel, *close), Some(millis.get())),
+            _ => return,
+        };
+        let (Some(seat), Some(module)) = (seat, name) else {
             return;
         };
         let board = self.board(seat.clone());
+        board.obeyed += 1;
+        let since = board.obeyed;
+        for bit in (0..8)
+            .map(|bit| 1 << bit)
+            .filter(|bit| bank.mask & bit != 0)
+        {
+            board.written.insert(bit, since);
+        }
         let before = board.relays;
         let moves = bank.mask & !board.welded;
         board.relays = before & !moves | bank.on & moves;
         self.acted.push(Acted {
             at: now,
             module,
-            seat,
-            set: *bank,
+            seat: seat.clone(),
+            set: bank,
             before,
         });
+        if let Some(millis) = millis {
+            let ends = Due::Jogged(seat, bank.mask, bank.on == 0, since);
+            self.add(ms(u64::from(millis)), ends);
+        }
+    }
+
+    pub(super) fn has_jogged(&mut self, seat: Seat, mask: u32, on: bool, since: u64) {
+        let board = self.board(seat);
+        if board.written.get(&mask) == Some(&since) {
+            board.relays = board.relays & !mask | if on { mask } else { 0 };
+        }
     }
 
     pub(super) fn ran(
@@ -272,7 +304,13 @@ impl World {
                     seen,
                 });
             }
-            let seen = seen(relays);
+            let seen = match op {
+                Op::ReadPulse => Observation::Pulse {
+                    mask: 0,
+                    width: railbus_wire::PulseWidth::DEFAULT,
+                },
+                _ => seen(relays),
+            };
             self.saw(at, &op, seen);
             let confirmed = match op {
                 Op::Write(bank) if relays & bank.mask != bank.on => return Err(Fault::NotVerified),
@@ -397,6 +435,14 @@ impl World {
         }
     }
 
+    /// The same of one port.
+    pub(in super::super) fn hold_port(&mut self, port: &str, time: Micros) {
+        let now = self.now;
+        for wire in self.lines.values_mut().filter(|wire| wire.port == port) {
+            wire.busy = now + time;
+        }
+    }
+
     /// Moves relays by hand.
     pub(in super::super) fn move_by_hand(&mut self, module: &str, relays: u32) {
         self.board_of(module).relays = relays;
@@ -405,6 +451,18 @@ impl World {
     /// Switches a module off its line, or on again.
     pub(in super::super) fn dead(&mut self, module: &str, is_dead: bool) {
         self.board_of(module).is_dead = is_dead;
+    }
+
+    /// The same of a board, whatever its name is.
+    pub(in super::super) fn dead_at(&mut self, seat: &Seat, is_dead: bool) {
+        self.board(seat.clone()).is_dead = is_dead;
+    }
+
+    /// Two boards of a line have each other's address from now on.
+    pub(in super::super) fn move_board(&mut self, from: &Seat, to: &Seat) {
+        let moved = std::mem::take(self.board(from.clone()));
+        let other = std::mem::replace(self.board(to.clone()), moved);
+        *self.board(from.clone()) = other;
     }
 
     /// Welds relays as they are.
