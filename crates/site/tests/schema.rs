@@ -176,7 +176,9 @@ fn the_schema_has_the_keys_that_the_reader_knows() {
             .map(String::as_str)
             .collect();
         assert_eq!(told, keys.iter().copied().collect(), "[{name}]");
-        assert_eq!(table["additionalProperties"], false, "[{name}]");
+        // What else an outlet has is up to its kind, which the gateway knows.
+        let is_open = name == "outlet";
+        assert_eq!(table["additionalProperties"], is_open, "[{name}]");
     }
 }
 

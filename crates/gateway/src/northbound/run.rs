@@ -240,6 +240,7 @@ impl Northbound {
             }
         };
         if let Err(error) = outlet::spawn(outlet, events, ended) {
+            self.state().runs.remove(&run);
             let why = Problem::new(codes::INTERNAL).with("reason", error.to_string());
             self.input(Input::Ended(run, why));
         }
@@ -289,7 +290,7 @@ impl Northbound {
     }
 
     /// Tries something with what an outlet has, on a thread of its own, beside its run, in the name
-    /// of who asks for it.
+    /// of who asks for it. It has to stop when its caller is gone.
     ///
     /// # Errors
     /// There is no such outlet, too many are tried at once, or it panicked.
@@ -305,12 +306,14 @@ impl Northbound {
         };
         let made = self.look(id, |supervised| {
             let config = supervised.config()?;
-            let (_, stop) = watch::channel(false);
-            let (_, settings) = watch::channel(config.settings.clone());
+            let (stop, stopped) = watch::channel(false);
+            let (settings, changes) = watch::channel(config.settings.clone());
             let run = (RunId(0), Arc::default());
-            Some(self.make(id, config, run, (stop, settings)))
+            let outlet = self.make(id, config, run, (stopped, changes));
+            Some((outlet, Handles { stop, settings }))
         });
-        let Some(mut outlet) = made.flatten() else {
+        // Dropped with this call, which is what stops the test.
+        let Some((mut outlet, _handles)) = made.flatten() else {
             return Err(super::missing(id));
         };
         let rights = outlet::rights(&outlet.settings.borrow());

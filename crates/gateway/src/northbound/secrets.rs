@@ -69,7 +69,14 @@ impl Secrets {
         is_there: impl Fn(&str) -> bool,
     ) -> Result<(), Problem> {
         let _turn = self.turn.lock().unwrap_or_else(PoisonError::into_inner);
-        let mut next = self.all().get(kind.name).cloned().unwrap_or_default();
+        let path = file(&self.folder, kind);
+        let known = self.all().get(kind.name).cloned();
+        let mut next = match known.map_or_else(|| read(&path), Ok) {
+            Ok(all) => all,
+            // Nothing in it can be used.
+            Err(error) if error.kind() == io::ErrorKind::InvalidData => All::new(),
+            Err(error) => return Err(problem(&path, &error)),
+        };
         match secret {
             Some(secret) => next.insert(outlet.to_owned(), Arc::new(secret)),
             None => next.remove(outlet),
@@ -82,7 +89,6 @@ impl Secrets {
             (name.clone(), secret)
         });
         let text = Value::from(told.collect::<Map<_, _>>()).to_string();
-        let path = file(&self.folder, kind);
         durable::replace(&path, text.as_bytes(), Some(0o600))
             .map_err(|error| problem(&path, &error))?;
         self.all().insert(kind.name, next);
@@ -153,6 +159,17 @@ mod tests {
         std::fs::write(&path, "{\"a\": canary").unwrap();
         let lost = format!("{:?}", open().1);
         assert!(lost.contains("E0879") && !lost.contains("canary"), "{lost}");
+        // What can't be read for a while is not replaced by less.
+        std::fs::remove_file(&path).unwrap();
+        std::fs::create_dir(&path).unwrap();
+        let (later, lost) = open();
+        assert_eq!(lost.len(), 1);
+        std::fs::remove_dir(&path).unwrap();
+        std::fs::write(&path, "{\"a\": \"canary\"}").unwrap();
+        later
+            .set(kind, "b", Some(Secret::new("b".to_owned())), |_| true)
+            .unwrap();
+        assert!(open().0.of(kind, "a").is_some() && open().0.of(kind, "b").is_some());
         std::fs::remove_dir_all(&folder).unwrap();
     }
 }

@@ -195,6 +195,42 @@ async fn tests_that_hang_are_bounded_though_their_callers_have_gone() {
     assert_eq!(ask().await.unwrap_err().code, codes::OVERLOADED.code);
 }
 
+fn until_stopped(outlet: Outlet) -> kind::Work<()> {
+    Box::pin(async move { outlet.stopped().await })
+}
+
+fn is_to_stop(outlet: Outlet) -> kind::Work<bool> {
+    Box::pin(async move {
+        let at_once = tokio::time::timeout(std::time::Duration::ZERO, outlet.stopped()).await;
+        at_once.is_ok()
+    })
+}
+
+#[tokio::test]
+async fn a_test_is_to_stop_when_its_caller_is_gone_and_not_before() {
+    let at = "127.0.0.1:4000".parse().unwrap();
+    let stage = Stage::new("gone", &outlet("x", at, "enabled = false"));
+    let id = OutletId {
+        kind: "textline",
+        name: "x".to_owned(),
+    };
+    let by = || Origin::program("li");
+    for _ in 0..4 {
+        let ask = stage.northbound.aside(&id, by(), until_stopped);
+        let gone = tokio::time::timeout(std::time::Duration::ZERO, ask).await;
+        assert!(gone.is_err());
+    }
+    let end = loop {
+        match stage.northbound.aside(&id, by(), is_to_stop).await {
+            Err(problem) if problem.code == codes::OVERLOADED.code => {
+                tokio::task::yield_now().await;
+            }
+            end => break end,
+        }
+    };
+    assert_eq!(end, Ok(false));
+}
+
 #[test]
 fn a_panic_is_an_end_with_its_reason() {
     let end =
@@ -262,6 +298,11 @@ fn a_kind_is_one_folder_and_one_line() {
         let line = [
             format!("mod {};", kind.name),
             format!("&{}::KIND,", kind.name),
+            // Only what is older than the routes of all kinds has routes of its own.
+            format!(
+                "pub(crate) const OF_KINDS: &[Route] = super::{}::routes::ROUTES;",
+                kind.name
+            ),
         ];
         // The tests name the kind that they try.
         let tests = sources.join("northbound/tests.rs");
