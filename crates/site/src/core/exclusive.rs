@@ -93,7 +93,12 @@ impl Context {
         if self.with(|state| state.is_stopping()) {
             return Err(Fault::Closed.into());
         }
-        self.with(|state| state.publish(Update::Line(line.to_owned())));
+        self.with(|state| {
+            if let Some(now) = state.lines.get_mut(line) {
+                now.was_lent = true;
+            }
+            state.publish(Update::Line(line.to_owned()));
+        });
         lending.is_granted = true;
         Ok(Exclusive { loan, until })
     }
@@ -105,17 +110,15 @@ impl Context {
         let _turn = self.line_turn().await;
         // Whoever wanted it may have gone while it was being closed.
         self.closed(&[line.to_owned()]).await;
-        let is_ended = self.with(|state| {
+        self.with(|state| {
             let is_ended = state.end_loan(line, loan);
             if is_ended && state.lines.get(line).is_some_and(|now| now.id.is_none()) {
                 state.had_by_another(line);
             }
-            is_ended
         });
         if let Some(config) = config {
             // It is written already.
-            let returned = is_ended.then_some(line);
-            let _ = self.reload_in_turn(config, None, returned).await;
+            let _ = self.reload_in_turn(config, None).await;
         }
         self.with(|state| {
             let now = state.lines.get(line);

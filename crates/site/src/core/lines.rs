@@ -30,6 +30,8 @@ pub(crate) struct LineNow {
     pub(crate) busy: Busy,
     /// Exclusive access to it.
     pub(super) lent: Option<LoanId>,
+    /// Another program has had its port since it was last open: its modules may have moved.
+    pub(super) was_lent: bool,
     /// Why nothing can be known over it, as its points were last published.
     pub(super) told: Option<Reason>,
     /// When its clock began, in the time of the site: values grow old without it, too.
@@ -47,6 +49,7 @@ impl LineNow {
             babble: false,
             busy: Busy::default(),
             lent: None,
+            was_lent: false,
             told: None,
             began: Micros::ZERO,
             modules: modules_of(config, line),
@@ -176,6 +179,7 @@ impl State {
         let id = LineId(self.lines_opened);
         self.lines_opened += 1;
         (known.id, known.began, known.modules) = (Some(id), self.now.site, modules);
+        (known.was_lent, known.babble) = (false, false);
         Some(id)
     }
 

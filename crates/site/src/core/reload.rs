@@ -39,22 +39,20 @@ impl Context {
     /// changed themselves are closed and opened. None where it was not written.
     pub(crate) async fn reload(&self, config: Config, store: Option<Store>) -> Option<Reloaded> {
         let _turn = self.line_turn().await;
-        self.reload_in_turn(config, store, None).await
+        self.reload_in_turn(config, store).await
     }
 
-    /// The same while no other procedure opens or closes lines; `returned` is a line whose holder
-    /// may have moved its modules.
+    /// The same while no other procedure opens or closes lines.
     pub(super) async fn reload_in_turn(
         &self,
         config: Config,
         store: Option<Store>,
-        returned: Option<&str>,
     ) -> Option<Reloaded> {
         let config = Arc::new(config);
         // What was to be done later to outputs whose names are about to stand for others is done
         // now: afterwards it would meet no board, or another one. They accept no commands until
         // they are where they belong.
-        let others = self.with(|state| state.others(&config, returned));
+        let others = self.with(|state| state.others(&config));
         let (turns, left) = self.end_now(|place| others.contains(place), TURN_MAX).await;
         if let Some(store) = store
             && !self.store(store).await
@@ -103,16 +101,16 @@ impl Context {
 
 impl State {
     /// The outputs whose names are about to stand for others.
-    fn others(&self, config: &Config, returned: Option<&str>) -> BTreeSet<Place> {
+    fn others(&self, config: &Config) -> BTreeSet<Place> {
         let old = self.site.config();
-        // The holder of a line may have moved its modules: then the name counts.
-        let may_have_moved = |module: &str| {
-            let line = old.modules.get(module).map(|module| &*module.line);
-            let now = line.and_then(|line| self.lines.get(line));
-            now.is_some_and(|now| now.lent.is_some()) || line.is_some() && line == returned
+        let was_lent = |module: &str| {
+            let line = old.modules.get(module).map(|module| &module.line);
+            line.and_then(|line| self.lines.get(line))
+                .is_some_and(|line| line.was_lent)
         };
         let is_other = |place: &Place| {
-            !may_have_moved(&place.module) && !same_board(old, config, &place.module)
+            // The holder of a line may have moved its modules: then the name counts.
+            !was_lent(&place.module) && !same_board(old, config, &place.module)
         };
         self.outputs().into_iter().filter(is_other).collect()
     }
@@ -178,12 +176,15 @@ impl State {
             self.lines.remove(line);
         }
         for line in &reloaded.opened {
-            let lent = self.lines.get(line).and_then(|now| now.lent);
             let mut now = LineNow::new(config, line);
-            now.lent = lent;
+            // What ends before it is opened ends in its time, not in that of the site.
+            now.began = self.now.site;
+            if let Some(before) = self.lines.get(line) {
+                (now.lent, now.was_lent) = (before.lent, before.was_lent);
+            }
             if self.is_closed {
                 now.state = LineState::Closed;
-            } else if lent.is_some() {
+            } else if now.lent.is_some() {
                 now.state = LineState::Absent(Arc::new(PortError::Exclusive));
             }
             self.lines.insert(line.clone(), now);

@@ -1,6 +1,7 @@
 //! The core in virtual time: scenarios, and seeds with an independent judge.
 
 mod chance;
+mod clocks;
 mod disk;
 mod ends;
 mod names;

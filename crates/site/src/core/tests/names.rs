@@ -158,3 +158,41 @@ fn the_return_of_a_board_switches_no_other() {
         assert!(world.state().is_at_rest());
     }
 }
+
+/// A caller that wanted the line for itself is gone before it has it, and a reload is next: no
+/// other program can have moved the module, so its end is not for the board with its name.
+#[test]
+fn what_is_promised_of_a_line_that_was_never_lent_meets_no_other_board() {
+    let mut were_closing = 0;
+    for after in 0..300 {
+        let mut world = World::new(&site_of(3, 6, ""), 1);
+        world.pass(ms(300));
+        let pulse = Pulse {
+            width: Some(ms(60_000)),
+            ..Pulse::default()
+        };
+        world.pulse("li", ("oven", 1), pulse);
+        world.pass(ms(300));
+        world.dead("oven", true);
+        let now = world.time();
+        let core = world.core.as_mut().unwrap();
+        let lend = |core: Context| async move { core.lend_line("main").await };
+        let task = core.start(now, lend, |_| {});
+        world.pass(ms(after));
+        let line = &world.state().lines["main"];
+        if line.id.is_none() {
+            break;
+        }
+        were_closing += usize::from(line.open().is_none());
+        let reloaded = world.reload(&site_of(4, 6, ""), true);
+        let now = world.time();
+        world.core.as_mut().unwrap().cancel(now, task);
+        world.pass(ms(100_000));
+        assert!(reloaded.now().is_some());
+        assert_eq!(done_by_other(&world), 0, "{after} ms: {:?}", world.acted);
+        let codes: Vec<_> = world.events.iter().map(|e| e.code.as_deref()).collect();
+        assert_eq!(codes, [Some("end_dropped")], "{after} ms");
+        assert!(world.disk.is_empty(), "{after} ms: {:?}", world.disk);
+    }
+    assert!(were_closing > 0);
+}
