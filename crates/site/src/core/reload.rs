@@ -7,7 +7,7 @@ use super::state::State;
 use super::{LineId, Output};
 use crate::config::{Config, LineConfig, ModuleConfig, Place};
 use crate::service::Update;
-use railbus_device::{Module, PointKind};
+use railbus_device::{Module, PointKind, Setup};
 use railbus_host::{LineState, ModuleChanges, ModuleId, PortError};
 use railbus_store::history::{Event, EventKind, Severity};
 use railbus_wire::Micros;
@@ -257,10 +257,23 @@ fn same_line(a: &LineConfig, b: &LineConfig) -> bool {
     a.port == b.port && a.serial == b.serial && a.echo == b.echo
 }
 
-/// Whether a name is that of the same module, however often that is read.
+/// Whether a name is that of the same board, however that is addressed on its line and however
+/// often it is read.
 pub(super) fn same_board(old: &Config, new: &Config, module: &str) -> bool {
     let both = (old.modules.get(module), new.modules.get(module));
-    matches!(both, (Some(a), Some(b)) if a.line == b.line && a.setup == b.setup)
+    matches!(both, (Some(a), Some(b)) if a.line == b.line
+        && spoken_to_as(a.setup, &b.setup) == b.setup)
+}
+
+/// The same board, with the speed, protocol and pause of another one.
+fn spoken_to_as(setup: Setup, as_other: &Setup) -> Setup {
+    Setup {
+        protocol: as_other.protocol,
+        serial: as_other.serial,
+        checksum: as_other.checksum,
+        gap: as_other.gap,
+        ..setup
+    }
 }
 
 /// Whether values that were read before mean what they would mean now.
@@ -273,8 +286,10 @@ fn same_ranges(a: &ModuleConfig, b: &ModuleConfig) -> bool {
 /// no business of that.
 fn same_module(old: &Config, new: &Config, module: &str) -> bool {
     let both = (old.modules.get(module), new.modules.get(module));
-    let same = matches!(both, (Some(a), Some(b)) if a.plan == b.plan && same_ranges(a, b));
-    same && same_board(old, new, module)
+    matches!(both, (Some(a), Some(b)) if a.line == b.line
+        && a.setup == b.setup
+        && a.plan == b.plan
+        && same_ranges(a, b))
 }
 #[cfg(test)]
 mod tests {

@@ -196,3 +196,33 @@ fn what_is_promised_of_a_line_that_was_never_lent_meets_no_other_board() {
     }
     assert!(were_closing > 0);
 }
+
+/// Its speed, or the pause before a request, is changed: it is the same board, whose longest time
+/// does not begin anew and whose lease goes on.
+#[test]
+fn a_board_that_is_spoken_to_otherwise_keeps_what_is_promised_of_it() {
+    let limit = "[module.oven.point]\nk1.max_on = \"20s\"\n";
+    let before = site_of(3, 6, limit);
+    let slower = before.replacen("address = 3\n", "address = 3\ngap = \"30ms\"\n", 1);
+    let faster = before.replacen("\"\n", "\"\nbaud = 19200\n", 1);
+    for after in [slower, faster] {
+        assert_ne!(after, before);
+        let mut world = World::new(&before, 1);
+        world.pass(ms(300));
+        world.write("li", ("oven", 1), true);
+        world.lease("li", ("oven", 2), (true, ms(60_000)));
+        world.pass(ms(15_000));
+        let reloaded = world.reload(&after, true);
+        world.pass(ms(4_000));
+        let kept = reloaded.now().unwrap().modules_kept;
+        assert!(
+            !kept.contains(&"oven".to_owned()),
+            "it begins anew on its line"
+        );
+        assert_eq!(world.relays_at(PORT, 3), bit(1) | bit(2));
+        world.pass(ms(2_000));
+        assert_eq!(world.relays_at(PORT, 3), bit(2), "20 s are over");
+        world.pass(ms(60_000));
+        assert_eq!(world.relays_at(PORT, 3), 0);
+    }
+}
