@@ -412,6 +412,22 @@ async fn a_terminal_shows_that_it_was_not_given_up_in_order() {
     }
 }
 
+/// The program at the other end, such as a simulator, may keep both ends open. It is no rival, and
+/// may not yet have noticed that a program was killed which had the terminal to itself.
+#[tokio::test]
+async fn who_makes_a_terminal_does_not_keep_others_from_it() {
+    let (_master, path) = pty();
+    let open = || std::fs::File::options().read(true).write(true).open(&path);
+    let kept = open().expect("a terminal");
+    rustix::termios::ioctl_tiocexcl(&kept).expect("exclusive");
+    // Only root gets past the exclusive mode at all.
+    if open().is_err() {
+        return;
+    }
+    let mut port = SerialPort::new(path.clone(), SerialOptions::default());
+    port.open().await.expect("free");
+}
+
 #[tokio::test]
 async fn an_abandoned_line_is_listened_to_for_as_long_as_a_reply_is_late() {
     for past in [Past::Unknown, Past::Abandoned] {

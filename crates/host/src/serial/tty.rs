@@ -228,8 +228,11 @@ impl Locked {
             Err(errno) => return Err(errno.into()),
         }
         if ioctl::is_exclusive(&fd)? {
-            let holder = holder::find(about, own);
             // A pseudo-terminal stays exclusive after the program that had it was killed.
+            let holder = match pts {
+                true => holder::find_rival(about, own),
+                false => holder::find(about, own),
+            };
             if holder.is_some() || !pts {
                 return Err(PortError::Busy { holder });
             }
