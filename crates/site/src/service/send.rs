@@ -100,7 +100,8 @@ impl Service {
             return Err(refused);
         }
         let audit = work.id().to_owned();
-        let doubt = Doubt::begin(&self.inner, modules);
+        // Not earlier: another configuration may have come with the audit entry.
+        let doubt = Doubt::begin(&self.inner, self.concerned(line, &exchange));
         let probe = railbus_host::Probe {
             changes: true,
             ..probe
