@@ -26,7 +26,7 @@ const all = (pattern) => sources.flatMap((text) => [...text.matchAll(pattern)].m
 const NONE = ["write", "webhook_test"];
 
 /** No command that was begun ends so, and no rule: what it names, and whether it may, is asked before. */
-const NEVER = ["no_such_group", "no_such_scene", "no_such_line", "no_such_module", "no_such_point", "not_an_output", "playing", "no_lease", "lease_time", "role_too_low", "not_permitted"];
+const NEVER = ["no_such_group", "no_such_scene", "no_such_line", "no_such_module", "no_such_point", "not_an_output", "playing", "no_lease", "lease_time", "role_too_low"];
 
 /** The events about integrations: each last word, after what the codes of a kind begin with. */
 function outlets() {

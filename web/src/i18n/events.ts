@@ -96,6 +96,8 @@ export const events = {
   end_overloaded: ["not sent: too many commands waiting", "未发送：等待的命令过多"],
   end_closed: ["not sent: the line was closed", "未发送：总线未打开"],
   end_locked: ["not sent: locked", "未发送：已锁定"],
+  end_not_permitted: ["not sent: not permitted", "未发送：无权限"],
+  end_limited: ["not sent: not permitted", "未发送：无权限"],
   end_interlock: ["not sent: interlocked", "未发送：互锁"],
   end_min_off: ["not sent: minimum off time not reached", "未发送：断开时间不足"],
   end_confirm: ["not sent: not confirmed", "未发送：无人确认"],
