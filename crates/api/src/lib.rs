@@ -2,10 +2,11 @@
 //! client, and the machine-readable output of every command.
 //!
 //! # Where things are
-//! - Points, modules, lines and commands to outputs: `types`, `control`; the other files are named
-//!   after their subjects. A further field is added here and filled in `railbus_app::api`; the
-//!   OpenAPI document follows from the type.
-//! - What a failed request returns: `problem`.
+//! - Points, modules, lines and commands to outputs: `types`, `control`; history and audit log:
+//!   `past`; the other files are named after their subjects. A further field is added here and
+//!   filled in `railbus_app::api`; the OpenAPI document follows from the type, and the types of the
+//!   web pages from that document.
+//! - What a failed request returns: `problem`; its codes are defined in `railbus_words::codes`.
 
 #![forbid(unsafe_code)]
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]

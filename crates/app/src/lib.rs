@@ -5,8 +5,9 @@
 //! # Where things are
 //! - The site in the types of the API, both ways: `api`. A failure with its code, cause and next
 //!   step, as text and as JSON: `failure`; its words are in `railbus_words::codes`.
-//! - Findings of the doctor: `doctor`; of `config check`: `config_check`. Finding the
-//!   configuration: `config_file`.
+//! - Findings of the doctor: `doctor`, a file for each thing that it looks at (`system`, `port`,
+//!   `line`, …); their codes and causes are in `railbus_words::findings`. Findings of `config
+//!   check`: `config_check`. Finding the configuration: `config_file`.
 //! - Frames in words: `frames`. Tables and JSON: `render`. The drivers of a scan and of a change of
 //!   settings, on a real line: `scan`, `settings`. So a procedure is `railbus_commission`'s, its
 //!   messages `railbus_api`'s, the two meet here, its endpoint is in the gateway and its command in

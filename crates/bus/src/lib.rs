@@ -10,8 +10,10 @@
 //! *fence* is a harmless read whose reply can't be mistaken for a ghost's; a *babble* is a line
 //! that another sender never lets fall silent.
 //!
-//! What is sent next, after how much silence: `schedule`. What came of it: `outcome`, `command`,
-//! `event`. Late replies: `ghost`, `fence`. Modules that do not answer, health, model:
+//! # Where things are
+//! What is sent next, after how much silence: `schedule` (how much a family needs: its `Profile`).
+//! Commands, with their deadline in the queue: `command`, [`Terms`]. What came of a request:
+//! `outcome`, `event`. Late replies: `ghost`, `fence`. Modules that do not answer, health, model:
 //! `silent`, `module_state`, `identity`. Bytes, echoes: `rx_buffer`.
 
 #![no_std]

@@ -6,11 +6,13 @@
 //! is written to a module before it is in the journal.
 //!
 //! # Where things are
-//! - Finding modules: `scan`: speeds and addresses in `scope`, what to send next in `planner`, what
-//!   replies prove in `identify`, by the signs of the datasheets.
+//! - Finding modules: `scan`: speeds, addresses and their order in `scope`, what to send next in
+//!   `planner`, what replies prove in `identify`, by the signs of the datasheets; `likely` retries
+//!   an empty scan. Nothing here reads a configuration: what it says comes in with the `scope`.
 //! - A change of settings, step by step: `change`, in the order of `stages`, looking with `sight`,
 //!   after `vacant` has checked the new place; after an interruption `recover`. What a settings
-//!   word means: `settings`. What is written down before and after: `journal`.
+//!   word means: `settings`. What is written down before and after: `journal`. Where a module
+//!   answers: `place`.
 //! - Calibration, and a module's own reset: `calibrate`. All boards of a line at once: `boards`.
 //! - A further procedure is a file beside these; how it talks to its driver: `desk`. The one driver
 //!   is `railbus_app::settings`.

@@ -10,15 +10,16 @@
 //!
 //! # Where things are
 //! - A family: its own file (`eda9060a`, `eda9050`, `eda` for what both share, `erc8`, `emd2a2q`,
-//!   `r55`). Ranges, terminals and timing are in its [`Profile`]; stored settings, registers and
-//!   identification, which only a host asks for, in its [`Datasheet`]. Nothing above this crate
-//!   matches on a family.
+//!   `r55` for the 0x55/0x22 relay boards). Ranges, terminals and timing, such as the silence
+//!   before a request, are in its [`Profile`]; stored settings, registers and identification, which
+//!   only a host asks for, in its [`Datasheet`]. Nothing above this crate matches on a family.
 //! - The forms of that data: `family` ([`Profile`]) and `datasheet`. A further setting of a kind in
 //!   `datasheet::Key` is a line of the family's sheet and its half of the engine; a new kind is
 //!   also a [`Change`], a field of `railbus_nvm::Record` and a step of
 //!   `railbus_commission::stages`.
-//! - What a host wants of a module: `op`, `module`. How the module itself behaves: `engine`; what
-//!   our own firmware can beyond the makers': `extensions`.
+//! - What a host wants of a module: `op`, `module`. How the module itself behaves: `engine`, which
+//!   is also the firmware: what only a simulation does is in `railbus_sim`. What our own firmware
+//!   can beyond the makers': `extensions`.
 
 #![no_std]
 #![forbid(unsafe_code)]

@@ -5,9 +5,14 @@
 //! - An endpoint: the file of its subject (`points`, `control`, `history`, `config`, `scans`,
 //!   `settings`, …), with a row in that file's `ROUTES`; all tables are listed in `routes`. What
 //!   every handler needs: `site`. What must be so before one is called (who it is, what it may,
-//!   limits, headers): `access`, `guard`, `listen`.
-//! - What is sent as it changes: `ws`, `stream`, `event_stream`. A system that the site is
-//!   published to: `northbound`, a folder each.
+//!   limits, headers): `access`, `guard`, `listen`. A request that switches or changes something
+//!   begins as an `order`.
+//! - Charts, and the columns of their download: `history`; `export` sends any long table row by
+//!   row.
+//! - What is sent as it changes: over a WebSocket `ws` (what can be subscribed to: `ws/topic`),
+//!   over plain HTTP values in `stream` and events in `event_stream`.
+//! - A system that the site is published to: `northbound`, a folder each and a line in
+//!   `northbound.rs`; its settings are declared and read in its folder, too.
 //! - Repeated requests: `keys`. Long operations: `ops`; a line lent to a command: `loan`. The
 //!   OpenAPI document, made of the routes: `openapi`. Figures: `metrics`. Pages: `web` serves them,
 //!   their sources are in the folder `web` of the repository.

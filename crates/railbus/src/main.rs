@@ -8,7 +8,7 @@
 //!
 //! # Where things are
 //! - A command: its file in `commands`, and a row of `VERBS` in `cli`. What all definitions share:
-//!   `args`.
+//!   `args`. `set` switches outputs, `config set` changes what a module stores.
 //! - Where a command goes, to the daemon or to a line opened here: `backend`. Errors of the command
 //!   line itself: `usage`.
 //! - Texts and columns of one command: in its file or folder; texts of several: `texts`. What

@@ -8,6 +8,7 @@
 //! may jump from deadline to deadline, or wait for a real clock to reach them.
 //!
 //! # Where things are
+//! - How a healthy module answers, and when, is `railbus_device`'s; here is what befalls it.
 //! - Who hears what, and collisions: `line`, `talk`. A module on it and what can befall it
 //!   ([`Act`]): `slot`. Faults by chance: `faults`. The modules of the demo: `demo`.
 //!

@@ -7,16 +7,18 @@
 //!
 //! # Where things are
 //! - What happens between a command and its end, and everything that depends on time (turns,
-//!   interlocks, pulses, leases, limits, policies, scenes, staleness, the stream of changes):
-//!   `core`, a state machine without I/O, one file for each. How long a command may wait for its
-//!   turn and to be sent is `TTL` in `core/order.rs`; limits that callers meet (`LEASE_MIN`,
-//!   `PULSE_MAX`) stand in the file of their subject, and are checked only there.
-//! - What drives it, and what callers see of it (orders, status, followers, reloads, lines lent,
-//!   rules, raw frames): `service`.
+//!   interlocks, pulses, leases, limits, policies, scenes, lines that are lent, reloads, staleness,
+//!   the stream of changes): `core`, a state machine without I/O, one file for each. Whether a
+//!   command is refused is decided there, in the file of its subject: limits that callers meet
+//!   (`LEASE_MIN`, `PULSE_MAX`) stand in it. How long a command may wait is in `core/order.rs`; the
+//!   line gets the same deadline with it, as [`railbus_bus::Terms`].
+//! - What drives it, and what callers see of it (one file for orders, status, followers, reloads,
+//!   loans, raw frames, running rules): `service`.
 //! - Who may command what: `rights`. Why something failed: `failure`. Values and their quality:
 //!   `truth`.
 //! - Keys of `railbus.toml`, with their checks and the edits that keep comments: `config`.
-//!   Conditions of rules: `rules`.
+//! - Rules: their keys in `config/rules.rs`; when one is true and what it does then in `rules`, as
+//!   a state machine (`engine`) with times of day (`clock`).
 
 #![forbid(unsafe_code)]
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]

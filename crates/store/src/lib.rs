@@ -3,8 +3,8 @@
 //! command is in it.
 //!
 //! # Where things are
-//! - Samples, charts, events, and how long they are kept: `history`. Who did what, how it ended,
-//!   and its chain of hashes: `audit`.
+//! - Samples, charts, events, and how long they are kept: `history`. Who did what and how it ended:
+//!   `audit` (when a new file begins: `audit/files`; hashes: `audit/chain`).
 //! - What must be whole after a loss of power: `durable`; the file of the journal of changed
 //!   settings, whose records are `railbus_commission`'s: `journal`.
 

@@ -3,8 +3,10 @@
 //! a terminal.
 //!
 //! # Where things are
-//! - A failure's number (`E0402`), causes and next steps: `codes`, a table for each group of exit
-//!   codes. What `doctor` and `config check` find (`D307`): `findings`. Exit codes: `exits`.
+//! - A failure's number (`E0402`), causes and next steps, which are also its page for `railbus
+//!   explain`: `codes`, by the first two digits: 01 and 02 `own`, 03 to 06 `module`, 07 `port`, 08
+//!   `config`, 09 `ends`. What `doctor` and `config check` find (`D307`): `findings`. Exit codes:
+//!   `exits`.
 //! - The form of all other texts, which stand next to their users: `catalogue`. What parsers and
 //!   the system say, in Chinese: `reasons`.
 
