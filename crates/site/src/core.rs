@@ -32,7 +32,7 @@ mod write;
 
 pub use batch::{BatchDone, BatchTerms, GroupState, Part, PartDone};
 pub use commands::{COMMANDS_KEPT, Command};
-pub(crate) use context::{Context, Reply, RequestId, Store, TaskId};
+pub(crate) use context::{Context, Reply, RequestId, Store, TaskId, Tell};
 pub use exclusive::LOAN_MAX;
 pub(crate) use exclusive::{Exclusive, LoanId};
 pub use lease::{LEASE_MAX, LEASE_MIN, Leased};
@@ -144,9 +144,9 @@ pub(crate) enum Output {
         /// The known states of the outputs.
         before: String,
     },
-    /// Write the end of a command: [`Reply::Ended`].
+    /// Write the end of a command, behind all entries before it.
     End {
-        /// Returned in the reply.
+        /// Names it in [`Output::Answer`].
         request: RequestId,
         /// The entry that has ended.
         begun: Begun,
@@ -154,6 +154,13 @@ pub(crate) enum Output {
         end: End,
         /// The known states of the outputs.
         after: String,
+    },
+    /// Answer a caller once an end is written, or can't be in time.
+    Answer {
+        /// The [`Output::End`].
+        after: RequestId,
+        /// Does it.
+        tell: Tell,
     },
     /// Write the scheduled actions: [`Input::Kept`]. There is one such write at a time.
     Keep(Vec<Kept>),
@@ -262,7 +269,8 @@ impl Core {
         self.step(now, |_| {});
     }
 
-    /// Starts a procedure; `end` gets its result. It runs to its end even if the caller goes away.
+    /// Starts a procedure; `end` gets its result, in this step or by [`Output::Answer`]. It runs to
+    /// its end even if the caller goes away.
     pub(crate) fn start<T, F>(
         &mut self,
         now: Now,
@@ -270,11 +278,16 @@ impl Core {
         end: impl FnOnce(T) + Send + 'static,
     ) -> TaskId
     where
+        T: Send + 'static,
         F: Future<Output = T> + Send + 'static,
     {
         self.step(now, |context| {
             let procedure = procedure(context.clone());
-            context.spawn(async move { end(procedure.await) })
+            let answers = context.clone();
+            context.spawn(async move {
+                let value = procedure.await;
+                answers.answer(move || end(value));
+            })
         })
     }
 
@@ -285,8 +298,11 @@ impl Core {
 
     /// Cancels a procedure, unless it has ended.
     pub(crate) fn cancel(&mut self, now: Now, task: TaskId) {
-        let task = self.tasks.remove(&task);
-        self.step(now, |_| drop(task));
+        let gone = self.tasks.remove(&task);
+        self.step(now, |context| {
+            drop(gone);
+            context.with(|state| state.runs.has_gone(task));
+        });
     }
 
     /// The next thing to do, if any.
@@ -406,7 +422,7 @@ impl Core {
             waits.then_some(task)
         };
         let Some(mut task) = waits else {
-            return;
+            return self.state.runs.has_gone(number);
         };
         task.deadline = self.state.runs.deadline.take();
         if let Some(deadline) = task.deadline {

@@ -1,6 +1,7 @@
 //! A running site: its open lines, and its [`Core`], driven by them, by the clock and by callers.
 
 mod driver;
+mod entries;
 mod follow;
 mod loan;
 mod meter;
@@ -27,6 +28,7 @@ pub use update::{Update, Updates};
 use crate::core::{Command, Context, Core, Input, LineId, News, Now, TaskId};
 use crate::rights::Who;
 use crate::{Config, Failure, Rights};
+use entries::Waits;
 use railbus_device::{Module, SetupError};
 use railbus_host::{Line, LineConfig, LineName, NameError, PortError, Probe, ProbeResult, Tap};
 use railbus_store::audit::{Audit, Entry, Origin};
@@ -105,6 +107,7 @@ pub(crate) struct Inner {
 struct Driven {
     core: Core,
     lines: BTreeMap<LineId, Line>,
+    waits: Waits,
     /// When the core is told of the time, of the site, at the latest.
     alarm_at: Option<Micros>,
     /// While something is in progress, the site lives on after its last handle is dropped.
@@ -180,6 +183,7 @@ impl Service {
                 driven: Mutex::new(Driven {
                     core: Core::new(now, config, polls, kept),
                     lines: BTreeMap::new(),
+                    waits: Waits::default(),
                     alarm_at: None,
                     site: None,
                 }),

@@ -6,6 +6,7 @@ mod files;
 mod log;
 mod read;
 mod tail;
+mod waiting;
 
 pub use chain::{AuditRecord, Numbered};
 pub use log::{AuditLog, NotWritten};
@@ -13,6 +14,7 @@ pub use read::{
     Exported, Filter, LogPage, LogPosition, Logged, Verified, export_folder, verify_folder,
 };
 pub use tail::OpenReport;
+pub use waiting::{Then, Waiting};
 
 use crate::ulid::Ulids;
 use std::collections::VecDeque;
@@ -163,63 +165,35 @@ impl Audit {
         self.log.get()
     }
 
-    /// Records what is about to be done, with the last known state; returns the entry's ID. If
-    /// there is a log, the record is durable when this returns.
+    /// The ID of an entry of this moment.
+    pub fn next_id(&self, at: SystemTime) -> String {
+        self.ulids.next(at)
+    }
+
+    /// Whether something may be done without a log.
     ///
     /// # Errors
-    /// If it could not be made durable, or a log is required and there is none.
-    pub async fn begin(
-        &self,
-        module: &str,
-        note: Note,
-        before: String,
-    ) -> (String, Result<(), NotWritten>) {
-        let at = SystemTime::now();
-        let id = self.ulids.next(at);
-        let written = match self.log.get() {
-            None if self.missing.load(Ordering::Relaxed) => Err(NotWritten),
-            None => Ok(()),
-            Some(log) => {
-                let record = AuditRecord::Begin {
-                    id: id.clone(),
-                    who: note.origin.who.clone(),
-                    via: note.origin.via.clone(),
-                    module: module.to_owned(),
-                    what: note.what.clone(),
-                    before,
-                };
-                log.write(record, true).await
-            }
-        };
+    /// A log is required.
+    pub fn without_log(&self) -> Result<(), NotWritten> {
+        match self.missing.load(Ordering::Relaxed) {
+            true => Err(NotWritten),
+            false => Ok(()),
+        }
+    }
+
+    /// Keeps in memory what is about to be done.
+    pub fn begin(&self, entry: Entry) {
         let mut entries = self.entries();
         if entries.len() >= AUDIT_MAX {
             entries.pop_front();
         }
-        entries.push_back(Entry {
-            id: id.clone(),
-            at,
-            origin: note.origin,
-            module: module.to_owned(),
-            what: note.what,
-            end: None,
-        });
-        (id, written)
+        entries.push_back(entry);
     }
 
-    /// Records the result, and the state known after it. The log has accepted it when this returns,
-    /// though it may not be synced yet.
-    pub async fn end(&self, id: &str, end: End, after: String) {
+    /// Keeps its result in memory.
+    pub fn end(&self, id: &str, end: End) {
         if let Some(entry) = self.entries().iter_mut().rev().find(|entry| entry.id == id) {
             entry.end = Some(end);
-        }
-        if let Some(log) = self.log.get() {
-            let record = AuditRecord::End {
-                id: id.to_owned(),
-                end: end.name().to_owned(),
-                after,
-            };
-            // Losses are counted in the log itself.
-            let _ = log.write(record, false).await;
         }
     }
 
@@ -238,29 +212,34 @@ impl Audit {
 mod tests {
     use super::*;
 
-    fn note(what: &str) -> Note {
-        Note {
+    fn entry(audit: &Audit, module: &str) -> Entry {
+        let at = SystemTime::now();
+        Entry {
+            id: audit.next_id(at),
+            at,
             origin: Origin::program("test"),
-            what: what.to_owned(),
+            module: module.to_owned(),
+            what: "do0=on".to_owned(),
+            end: None,
         }
     }
 
-    #[tokio::test]
-    async fn the_newest_are_kept() {
+    #[test]
+    fn the_newest_are_kept() {
         let audit = Audit::default();
         for _ in 0..AUDIT_MAX + 5 {
-            let (_, written) = audit.begin("pump", note(""), String::new()).await;
-            assert!(written.is_ok());
+            audit.begin(entry(&audit, "pump"));
         }
         assert_eq!(audit.newest().len(), AUDIT_MAX);
     }
 
-    #[tokio::test]
-    async fn an_end_is_written_to_its_own_entry() {
+    #[test]
+    fn an_end_is_written_to_its_own_entry() {
         let audit = Audit::default();
-        let (first, _) = audit.begin("pump", note("do0=on"), String::new()).await;
-        let _ = audit.begin("oven", note("k1=on"), String::new()).await;
-        audit.end(&first, End::Readback, String::new()).await;
+        let first = entry(&audit, "pump");
+        audit.begin(first.clone());
+        audit.begin(entry(&audit, "oven"));
+        audit.end(&first.id, End::Readback);
         let ends: Vec<_> = audit.newest().iter().map(|entry| entry.end).collect();
         assert_eq!(ends, [Some(End::Readback), None]);
     }

@@ -33,8 +33,6 @@ pub(crate) enum Reply {
     Ran(Result<Done, Fault>),
     /// What is about to be done is written down, or may not be done.
     Begun(Result<Begun, Failure>),
-    /// How it ended is written down.
-    Ended,
     /// A line has taken its new modules.
     Changed,
     /// Whether a configuration was written.
@@ -47,6 +45,15 @@ pub(crate) struct Store(pub(crate) Pin<Box<dyn Future<Output = bool> + Send>>);
 impl std::fmt::Debug for Store {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str("Store")
+    }
+}
+
+/// Tells a caller how its procedure ended.
+pub(crate) struct Tell(pub(crate) Box<dyn FnOnce() + Send>);
+
+impl std::fmt::Debug for Tell {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Tell")
     }
 }
 
@@ -63,6 +70,10 @@ pub(super) struct Runs {
     newest_task: TaskId,
     newest_request: u64,
     pending: BTreeMap<RequestId, Pending>,
+    /// The newest end of a command that each procedure has had written down.
+    ends: BTreeMap<TaskId, RequestId>,
+    /// The newest of all.
+    newest_end: Option<RequestId>,
 }
 
 /// A request whose reply has not come yet, or was not taken yet.
@@ -101,6 +112,22 @@ impl Runs {
             let task = pending.task;
             self.wake(task);
         }
+    }
+
+    /// A procedure is no more.
+    pub(super) fn has_gone(&mut self, task: TaskId) {
+        self.ends.remove(&task);
+    }
+
+    /// Whoever waits for the current procedure is answered once this end is written down, too.
+    fn answers_behind(&mut self, task: TaskId, end: RequestId) {
+        let newest = self.ends.entry(task).or_insert(end);
+        *newest = end.max(*newest);
+    }
+
+    fn next_request(&mut self) -> RequestId {
+        self.newest_request += 1;
+        RequestId(self.newest_request)
     }
 
     #[cfg(test)]
@@ -172,7 +199,13 @@ impl Context {
         let told = Arc::clone(&end);
         self.spawn(async move {
             *lock(&told) = Some(procedure.await);
-            ended.with(|state| state.runs.wake(parent));
+            ended.with(|state| {
+                let runs = &mut state.runs;
+                if let Some(end) = runs.ends.remove(&runs.current) {
+                    runs.answers_behind(parent, end);
+                }
+                runs.wake(parent);
+            });
         });
         poll_fn(move |_| match lock(&end).take() {
             Some(end) => Poll::Ready(end),
@@ -247,8 +280,7 @@ impl Context {
     async fn ask(&self, output: impl FnOnce(RequestId) -> Output) -> Option<Reply> {
         let asked = self.with(|state| {
             let runs = &mut state.runs;
-            runs.newest_request += 1;
-            let request = RequestId(runs.newest_request);
+            let request = runs.next_request();
             let pending = Pending {
                 task: runs.current,
                 reply: None,
@@ -285,7 +317,7 @@ impl Context {
     }
 
     /// Writes down what is about to be done. It is durable when this returns.
-    pub(super) async fn journal(
+    pub(crate) async fn journal(
         &self,
         module: String,
         label: Option<String>,
@@ -321,15 +353,45 @@ impl Context {
         matches!(stored, Some(Reply::Stored(true)))
     }
 
-    /// Writes down how it ended.
-    pub(super) async fn journal_end(&self, begun: Begun, end: End, after: String) {
-        let end = |request| Output::End {
-            request,
-            begun,
-            end,
-            after,
-        };
-        let _ = self.ask(end).await;
+    /// Has it written down how it ended. This does not wait for that: whoever waits for this
+    /// procedure does, see [`Context::answer`].
+    pub(crate) fn journal_end(&self, begun: Begun, end: End, after: String) {
+        self.with(|state| {
+            let runs = &mut state.runs;
+            let request = runs.next_request();
+            runs.newest_end = Some(request);
+            runs.answers_behind(runs.current, request);
+            runs.outputs.push_back(Output::End {
+                request,
+                begun,
+                end,
+                after,
+            });
+        });
+    }
+
+    /// Whoever waits for this procedure waits for all ends that are being written down, whoever
+    /// had that done.
+    pub(super) fn answer_behind_all(&self) {
+        self.with(|state| {
+            let runs = &mut state.runs;
+            if let Some(newest) = runs.newest_end {
+                runs.answers_behind(runs.current, newest);
+            }
+        });
+    }
+
+    /// Tells whoever waits for this procedure that it has ended: at once, or behind the end of its
+    /// last command.
+    pub(super) fn answer(&self, tell: impl FnOnce() + Send + 'static) {
+        let after = self.with(|state| state.runs.ends.remove(&state.runs.current));
+        match after {
+            None => tell(),
+            Some(after) => self.with(|state| {
+                let tell = Tell(Box::new(tell));
+                state.runs.outputs.push_back(Output::Answer { after, tell });
+            }),
+        }
     }
 }
 

@@ -167,6 +167,7 @@ impl Context {
             lines
         });
         self.closed(&lines).await;
+        self.answer_behind_all();
     }
 }
 

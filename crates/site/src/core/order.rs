@@ -120,8 +120,7 @@ impl Context {
         });
         if let Err(failure) = allowed {
             let end = End::not_done(failure.name());
-            self.end_command(begun, Err(end), String::new(), entry)
-                .await;
+            self.end_command(begun, Err(end), String::new(), entry);
             return Err(failure);
         }
         self.forget_off(&effect.rising).await;
@@ -151,7 +150,7 @@ impl Context {
         let ended = end_of(&end);
         let is_done = acted == Acted::Surely || end.is_ok() && !entry.is_release;
         let ended = if is_done { Ok(ended) } else { Err(ended) };
-        self.end_command(begun, ended, states, entry).await;
+        self.end_command(begun, ended, states, entry);
         let done = end?;
         let outputs = after.into_iter().zip(before);
         Ok(WriteDone {
@@ -201,13 +200,7 @@ impl Context {
     }
 
     /// Records how a command ended, unless it failed again like before.
-    async fn end_command(
-        &self,
-        begun: Begun,
-        end: Result<End, End>,
-        after: String,
-        entry: &mut Entry,
-    ) {
+    fn end_command(&self, begun: Begun, end: Result<End, End>, after: String, entry: &mut Entry) {
         let is_again = entry.failed.is_some();
         entry.failed = end.err();
         let (Ok(ended) | Err(ended)) = end;
@@ -215,15 +208,15 @@ impl Context {
             entry.open = Some(begun);
         } else {
             self.with(|state| state.commands.end(&begun.id, ended));
-            self.journal_end(begun, ended, after).await;
+            self.journal_end(begun, ended, after);
         }
     }
 
     /// It is not retried any more.
-    pub(super) async fn close(&self, entry: Entry) {
+    pub(super) fn close(&self, entry: Entry) {
         if let (Some(begun), Some(ended)) = (entry.open, entry.failed) {
             self.with(|state| state.commands.end(&begun.id, ended));
-            self.journal_end(begun, ended, String::new()).await;
+            self.journal_end(begun, ended, String::new());
         }
     }
 

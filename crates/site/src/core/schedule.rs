@@ -617,6 +617,7 @@ impl Context {
         let is_idle = |state: &mut State| state.schedule.running == 0;
         self.wait_in(|state| &mut state.schedule.idle, is_idle)
             .await;
+        self.answer_behind_all();
     }
 
     /// Ends all of them now, and waits for that as long as may be.

@@ -148,7 +148,7 @@ impl Timer {
             .with(|state| state.note_of_end(&self.key, &self.promise));
         let mut entry = Entry::of_release(note);
         let is_over = self.try_release(&mut entry).await;
-        self.context.close(entry).await;
+        self.context.close(entry);
         is_over
     }
 

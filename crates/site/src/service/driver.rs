@@ -3,9 +3,9 @@
 use super::{Driven, Inner, lock, prepare, promise_file};
 use crate::core::{Core, Input, LineId, Now, Output, Reply, RequestId, State};
 use railbus_host::{Fault, Line, LineConfig, LineEvent, PortError, RunId, Terms};
+use railbus_store::audit::Waiting;
 use railbus_wire::{Instant, Micros};
 use std::sync::{Arc, Weak};
-use std::task::{Context, Poll, Waker};
 use std::time::{Duration, SystemTime};
 use tokio::sync::Notify;
 
@@ -23,8 +23,10 @@ pub(super) async fn tell_time(site: Weak<Inner>, alarm: Arc<Notify>) {
         };
         inner.count("of time");
         inner.drive(|core, now| core.handle(now, Input::Time));
+        let overdue = lock(&inner.driven).waits.overdue(inner.now().site);
+        overdue.iter().for_each(Waiting::give_up);
         let mut driven = lock(&inner.driven);
-        driven.alarm_at = driven.core.deadline();
+        driven.alarm_at = driven.deadline();
         next = driven
             .alarm_at
             .map(|at| inner.start + Duration::from_micros(at.0));
@@ -56,6 +58,15 @@ fn input<'a>(id: LineId, line: &'a str, event: &'a LineEvent) -> Input<'a> {
     match event {
         LineEvent::Ended(run, end) => Input::Done(RequestId(run.0), Reply::Ran(*end)),
         event => Input::Line(id, line, event),
+    }
+}
+
+impl Driven {
+    /// When the core has to be told of the time, or somebody has waited for the audit log long
+    /// enough.
+    fn deadline(&mut self) -> Option<Micros> {
+        let times = [self.core.deadline(), self.waits.deadline()];
+        times.into_iter().flatten().min()
     }
 }
 
@@ -123,7 +134,7 @@ impl Inner {
         while let Some(output) = driven.core.poll() {
             self.carry_out(&mut driven, output);
         }
-        let next = driven.core.deadline();
+        let next = driven.deadline();
         if let Some(at) = next
             && driven.alarm_at.is_none_or(|alarm_at| at < alarm_at)
         {
@@ -172,19 +183,14 @@ impl Inner {
                 label,
                 note,
                 before,
-            } => {
-                let begun = async move { inner.begin(&module, label, note, before).await };
-                self.answer(driven, request, begun, Reply::Begun);
-            }
+            } => self.begin(driven, request, (module, label), (note, before)),
             Output::End {
                 request,
                 begun,
                 end,
                 after,
-            } => {
-                let ended = async move { inner.end(begun, end, after).await };
-                self.answer(driven, request, ended, |()| Reply::Ended);
-            }
+            } => self.end(driven, request, begun, (end, after)),
+            Output::Answer { after, tell } => Inner::answer(driven, after, tell),
             Output::Open { line, id, config } => {
                 // A configuration that was read has no line that can't be.
                 let prepared = prepare(&config, &line, self.polls).map_err(|_| PortError::Refused);
@@ -237,35 +243,6 @@ impl Inner {
                 line.close().await;
             }
             inner.drive(|core, now| core.handle(now, Input::Closed(id)));
-        });
-    }
-
-    /// Answers a request with what comes of this. It is begun at once, in the same step: without an
-    /// audit log it ends there, and with one its record is in the log's queue before another task
-    /// waits for it.
-    fn answer<T: 'static>(
-        self: &Arc<Inner>,
-        driven: &mut Driven,
-        request: RequestId,
-        work: impl Future<Output = T> + Send + 'static,
-        reply: fn(T) -> Reply,
-    ) {
-        let mut work = Box::pin(work);
-        let begun = {
-            // Its time limit needs one.
-            let _entered = self.runtime.enter();
-            let mut noop = Context::from_waker(Waker::noop());
-            work.as_mut().poll(&mut noop)
-        };
-        if let Poll::Ready(value) = begun {
-            let input = Input::Done(request, reply(value));
-            return driven.core.handle(self.now(), input);
-        }
-        self.count("tasks");
-        let inner = Arc::clone(self);
-        self.runtime.spawn(async move {
-            let value = work.await;
-            inner.done(request, reply(value));
         });
     }
 

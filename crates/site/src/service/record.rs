@@ -2,12 +2,12 @@
 //! point.
 
 use super::{Follower, Inner, LineStatus, PointStatus, Service};
-use crate::core::{Begun, News, State};
+use crate::core::{Begun, Context, News, State};
 use crate::rights::Who;
 use crate::{Failure, Quality, Value};
 use railbus_device::Point;
 use railbus_host::{LineState, Presence};
-use railbus_store::audit::{AuditLog, End, NotWritten, Note, Origin};
+use railbus_store::audit::{AuditLog, End, Note, Origin};
 use railbus_store::history::{Event, EventKind, Grade, History, Sample, Severity, millis};
 use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock, Weak};
@@ -120,11 +120,14 @@ impl Service {
     /// The same of work whose rights were asked.
     pub(super) async fn note_work(&self, module: &str, what: String) -> Result<Work, Failure> {
         let origin = Origin::clone(&self.who.origin);
-        let note = Note { origin, what };
-        let begun = self.inner.begin(module, None, note, String::new()).await?;
+        let (module, note) = (module.to_owned(), Note { origin, what });
+        let begin =
+            |core: Context| async move { core.journal(module, None, note, String::new()).await };
+        // There is none only where the procedure has broken down.
+        let begun = self.ask(begin).await.unwrap_or(Err(Failure::NotAudited));
         Ok(Work {
             service: self.clone(),
-            begun,
+            begun: begun?,
         })
     }
 
@@ -151,7 +154,10 @@ impl Work {
 
     /// Writes down how it ended.
     pub async fn end(self, end: End) {
-        self.service.inner.end(self.begun, end, String::new()).await;
+        let begun = self.begun;
+        self.service
+            .ask(|core| async move { core.journal_end(begun, end, String::new()) })
+            .await;
     }
 }
 
@@ -165,57 +171,6 @@ impl Inner {
         }
         // Fails if there are no subscribers, which does not matter.
         let _ = self.journal.told.send(event);
-    }
-
-    /// Writes down what is about to be done with a module, or the output of this label, and how
-    /// its outputs are known to be now.
-    pub(super) async fn begin(
-        &self,
-        module: &str,
-        label: Option<String>,
-        note: Note,
-        before: String,
-    ) -> Result<Begun, Failure> {
-        let mut event = Event::new(EventKind::Write, Severity::Info, "write").module(module);
-        event = event.by(&note.origin).what(&note.what);
-        event.before = Some(before.clone()).filter(|text| !text.is_empty());
-        if let Some(label) = label {
-            event = event.point(&label);
-        }
-        let (id, written) = self.audit.begin(module, note, before).await;
-        self.written(written)?;
-        event.id.clone_from(&id);
-        let event = Box::new(event);
-        Ok(Begun { id, event })
-    }
-
-    /// Whether a command may go on that was written down, or could not be.
-    fn written(&self, written: Result<(), NotWritten>) -> Result<(), Failure> {
-        let Some(log) = self.audit.log() else {
-            return written.map_err(|NotWritten| Failure::NotAudited);
-        };
-        if log.works(written.is_ok()) {
-            self.tell_event(match written {
-                Ok(()) => Event::new(EventKind::System, Severity::Info, "audit_works"),
-                Err(NotWritten) => Event::new(EventKind::System, Severity::Error, "audit_fails"),
-            });
-        }
-        match written {
-            Err(NotWritten) if log.is_required() => Err(Failure::NotAudited),
-            _ => Ok(()),
-        }
-    }
-
-    /// Writes down how it ended, and how the outputs are known to be after it.
-    pub(super) async fn end(&self, begun: Begun, end: End, after: String) {
-        let Begun { id, mut event } = begun;
-        self.audit.end(&id, end, after.clone()).await;
-        event.after = Some(after).filter(|text| !text.is_empty());
-        event.end = Some(end.name().to_owned());
-        if !end.is_done() {
-            event.severity = Severity::Warning;
-        }
-        self.tell_event(*event);
     }
 }
 

@@ -1,18 +1,21 @@
-//! The log on disk. One thread writes it; a command waits until its record is durable, and all that
-//! wait at the same time share one commit.
+//! The log on disk. One thread writes it, makes all records that wait at the same time durable with
+//! one sync, and calls those who wait for one of them. Nobody else ever waits for this thread: a
+//! record that finds no room is lost, and counted.
 
 use super::chain::AuditRecord;
 use super::read::{Filter, LogPage, LogPosition, Verified};
 use super::tail::{OpenReport, Reach, Tail};
-use super::{Exported, read};
+use super::waiting::{Then, Waiting};
+use super::{End, Entry, Exported, read};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::sync::{mpsc, oneshot};
 
-/// How many records may be queued.
-const QUEUE_MAX: usize = 1_024;
+/// How many records may be queued. A command has two of them, and an output one command at a time
+/// whose first record is not durable: a disk that works never lets it come to that many.
+const QUEUE_MAX: usize = 4_096;
 /// How many are written at once.
 const BATCH_MAX: usize = 256;
 /// Timeout after which a slow disk no longer delays a command.
@@ -35,13 +38,15 @@ pub struct AuditLog {
     kept: Arc<AtomicU64>,
     required: Arc<AtomicBool>,
     failing: Arc<AtomicBool>,
+    /// Records that found no room in the queue, and are not counted in the log yet.
+    lost: Arc<AtomicU64>,
 }
 
 struct Job {
     record: AuditRecord,
-    /// The caller waits until it is durable, not only written.
+    /// It is waited for until it is durable, not only written.
     durable: bool,
-    done: oneshot::Sender<bool>,
+    waiting: Waiting,
 }
 
 impl AuditLog {
@@ -55,10 +60,11 @@ impl AuditLog {
         let reach = Arc::new(Mutex::new(tail.reach.clone()));
         let kept = Arc::new(AtomicU64::new(u64::MAX));
         let (jobs, waiting) = mpsc::channel(QUEUE_MAX);
-        let shared = (Arc::clone(&reach), Arc::clone(&kept));
+        let lost = Arc::new(AtomicU64::new(0));
+        let shared = (Arc::clone(&reach), Arc::clone(&kept), Arc::clone(&lost));
         std::thread::Builder::new()
             .name("audit".to_owned())
-            .spawn(move || work(tail, waiting, &shared.0, &shared.1))?;
+            .spawn(move || work(tail, waiting, &shared.0, (&shared.1, &shared.2)))?;
         let log = AuditLog {
             folder: Arc::from(folder),
             jobs,
@@ -66,6 +72,7 @@ impl AuditLog {
             kept,
             required: Arc::default(),
             failing: Arc::default(),
+            lost,
         };
         Ok((log, found))
     }
@@ -100,32 +107,64 @@ impl AuditLog {
         self.failing.load(Ordering::Relaxed)
     }
 
-    /// Writes a record; returns when it is durable, or at least written.
-    pub(super) async fn write(&self, record: AuditRecord, durable: bool) -> Result<(), NotWritten> {
-        let (done, written) = oneshot::channel();
+    /// How long a record may be waited for that is handed in now. Whoever hands one in sees to
+    /// that, and calls [`Waiting::give_up`] then.
+    #[must_use]
+    pub fn patience(&self) -> Duration {
+        match self.is_failing() && !self.is_required() {
+            true => WAIT_FAILING,
+            false => WAIT_MAX,
+        }
+    }
+
+    /// Hands in the record of something that is about to be done, with the last known state; never
+    /// waits. `then` is called by the log's thread when the record is durable, or could not be made
+    /// so.
+    #[must_use]
+    pub fn begin(&self, entry: Entry, before: String, then: Then) -> Waiting {
+        let record = AuditRecord::Begin {
+            id: entry.id,
+            who: entry.origin.who,
+            via: entry.origin.via,
+            module: entry.module,
+            what: entry.what,
+            before,
+        };
+        self.write(record, true, then)
+    }
+
+    /// The same for a result, and the state known after it. It is called when the log has the
+    /// record, which survives the process then; it may not be synced yet.
+    #[must_use]
+    pub fn end(&self, id: &str, end: End, after: String, then: Then) -> Waiting {
+        let record = AuditRecord::End {
+            id: id.to_owned(),
+            end: end.name().to_owned(),
+            after,
+        };
+        self.write(record, false, then)
+    }
+
+    fn write(&self, record: AuditRecord, durable: bool, then: Then) -> Waiting {
+        let waiting = Waiting::new(then);
         let job = Job {
             record,
             durable,
-            done,
+            waiting: waiting.clone(),
         };
-        let patience = match self.is_failing() && !self.is_required() {
-            true => WAIT_FAILING,
-            false => WAIT_MAX,
-        };
-        let end = tokio::time::timeout(patience, async {
-            self.jobs.send(job).await.map_err(|_| NotWritten)?;
-            written.await.map_err(|_| NotWritten)
-        });
-        match end.await {
-            Ok(Ok(true)) => Ok(()),
-            _ => Err(NotWritten),
+        if self.jobs.try_send(job).is_err() {
+            self.lost.fetch_add(1, Ordering::Relaxed);
         }
+        waiting
     }
 
     /// Records a proper shutdown; everything written before is durable when this returns.
     pub async fn close(&self) {
+        let (done, written) = oneshot::channel();
+        let then = Box::new(|_| _ = done.send(()));
+        let _waiting = self.write(AuditRecord::Stop, true, then);
         // If this can't be written it is missing: the next start reports that.
-        let _ = self.write(AuditRecord::Stop, true).await;
+        let _ = tokio::time::timeout(WAIT_MAX, written).await;
     }
 
     fn reach(&self) -> Reach {
@@ -176,7 +215,12 @@ async fn aside<T: Send + 'static>(
 }
 
 /// Writes incoming records until all senders are gone.
-fn work(mut tail: Tail, mut waiting: mpsc::Receiver<Job>, reach: &Mutex<Reach>, kept: &AtomicU64) {
+fn work(
+    mut tail: Tail,
+    mut waiting: mpsc::Receiver<Job>,
+    reach: &Mutex<Reach>,
+    (kept, lost): (&AtomicU64, &AtomicU64),
+) {
     while let Some(first) = waiting.blocking_recv() {
         let mut batch = vec![first];
         while batch.len() < BATCH_MAX
@@ -185,6 +229,7 @@ fn work(mut tail: Tail, mut waiting: mpsc::Receiver<Job>, reach: &Mutex<Reach>, 
             batch.push(next);
         }
         tail.turn(kept.load(Ordering::Relaxed));
+        tail.has_lost(lost.swap(0, Ordering::Relaxed));
         commit(&mut tail, batch, reach);
     }
 }
@@ -198,10 +243,7 @@ fn commit(tail: &mut Tail, batch: Vec<Job>, reach: &Mutex<Reach>) {
     let written = tail.append(records).is_ok();
     // A caller that is told about a record must be able to read it.
     publish(tail);
-    // Fails if the caller has stopped waiting.
-    let tell = |job: Job, done| {
-        let _ = job.done.send(done);
-    };
+    let tell = |job: Job, is_done: bool| job.waiting.end(is_done.then_some(()).ok_or(NotWritten));
     let mut durable = Vec::new();
     for job in batch {
         if job.durable {

@@ -158,6 +158,11 @@ impl Tail {
         }
     }
 
+    /// Counts records that never came here.
+    pub(super) const fn has_lost(&mut self, records: u64) {
+        self.lost += records;
+    }
+
     /// Appends records. They are either complete or absent, and not durable yet.
     pub(super) fn append(&mut self, records: impl Iterator<Item = AuditRecord>) -> Result<()> {
         let mut text = String::new();

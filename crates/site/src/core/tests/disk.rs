@@ -79,7 +79,7 @@ fn a_lease_that_could_not_take_over_does_so_when_it_is_said_again() {
     assert!(begun.now().is_ok());
     let held = world.lease("wang", ("oven", 1), (false, ms(4_000)));
     // Its promise is on the disk, and the takeover is not.
-    while world.acted.len() < 2 && world.step(ms(2_000)) {}
+    while world.log.len() < 2 && world.step(ms(2_000)) {}
     world.faults.disk = 1;
     world.pass(ms(500));
     world.faults.disk = 0;

@@ -552,3 +552,37 @@ fn a_longest_time_that_began_for_nothing_makes_the_next_one_no_shorter() {
     world.pass(ms(6_000));
     assert_eq!(world.relays("oven"), 0);
 }
+
+/// What is answered survives the process. The output is free before that, but whoever has it next
+/// is answered later.
+#[test]
+fn an_answer_comes_behind_the_end_in_the_audit_log() {
+    let mut world = oven("");
+    world.end_takes = Some(ms(100));
+    let first = world.write("li", ("oven", 1), true);
+    let next = world.pulse("wang", ("oven", 1), pulse(20));
+    let set: Vec<_> = [2, 3].map(|number| (at("oven", number), true)).into();
+    let many = world.order(|core| async move {
+        let who = who_is("zhao");
+        core.batch(&who, &set, BatchTerms::default()).await
+    });
+    world.pass(ms(2_000));
+    let told = [
+        first.get().unwrap().0,
+        next.get().unwrap().0,
+        many.get().unwrap().0,
+    ];
+    for (name, told) in ["li", "wang", "zhao"].into_iter().zip(told) {
+        let mut of = world.log.iter().filter(|entry| entry.who == name);
+        let (written, _) = of.next().unwrap().ended.unwrap();
+        assert!(told >= written, "{name}: {told:?} before {written:?}");
+    }
+    assert!(told[0] < told[1]);
+    let pulse = world.pulse("li", ("oven", 4), pulse(10_000));
+    world.pass(ms(500));
+    assert!(pulse.now().is_ok());
+    let closed = world.close();
+    world.pass(ms(2_000));
+    let last = world.log.iter().map(|entry| entry.ended.unwrap().0).max();
+    assert!(closed.get().unwrap().0 >= last.unwrap());
+}

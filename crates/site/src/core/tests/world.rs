@@ -47,7 +47,9 @@ enum Due {
     /// A module has the request whose reply gets lost.
     Obeys(At, Op),
     Begun(RequestId, usize),
-    Ended(RequestId, usize, &'static str),
+    Ended(usize, &'static str),
+    /// The caller of a procedure is answered.
+    Answer(Tell),
     Kept(Vec<Kept>, Result<(), ErrorKind>),
     /// A line finds its port, or finds it gone.
     Finds(LineId),
@@ -103,6 +105,10 @@ pub(super) struct World {
     pub(super) news: Vec<News>,
     /// Writes are acknowledged, and the outputs not read after them.
     pub(super) only_acknowledged: bool,
+    /// When the audit log has written all that it has.
+    logged: Micros,
+    /// When it has which end.
+    ends: BTreeMap<RequestId, Micros>,
     /// Ports that are gone.
     down: BTreeSet<String>,
     pub(super) events: Vec<Told>,
@@ -116,6 +122,8 @@ pub(super) struct World {
     pub(super) disk_takes: Option<Micros>,
     /// The same of the audit log before a command.
     pub(super) audit_takes: Option<Micros>,
+    /// The same after it.
+    pub(super) end_takes: Option<Micros>,
 }
 
 pub(super) const fn ms(millis: u64) -> Micros {
@@ -147,6 +155,8 @@ impl World {
             updates: VecDeque::new(),
             news: Vec::new(),
             only_acknowledged: false,
+            logged: Micros::ZERO,
+            ends: BTreeMap::new(),
             down: BTreeSet::new(),
             events: Vec::new(),
             named: Vec::new(),
@@ -154,6 +164,7 @@ impl World {
             wall_behind: Micros::ZERO,
             disk_takes: None,
             audit_takes: None,
+            end_takes: None,
         };
         world.start();
         world
@@ -246,6 +257,7 @@ impl World {
             }
         }
         self.lines.clear();
+        self.ends.clear();
         self.down.clear();
     }
 
@@ -261,6 +273,12 @@ impl World {
         self.newest += 1;
         let at = self.now + after;
         self.due.insert((at, self.newest), due);
+    }
+
+    /// The audit log writes one record after the other.
+    fn log(&mut self, after: Micros, due: Due) {
+        self.logged = self.logged.max(self.now + after);
+        self.add(self.logged - self.now, due);
     }
 
     /// Starts a procedure.
@@ -365,10 +383,13 @@ impl World {
                 }
                 self.tell(Input::Done(request, Reply::Begun(begun)));
             }
-            Due::Ended(request, entry, end) => {
+            Due::Ended(entry, end) => {
                 self.open.remove(&entry);
                 self.log[entry].ended = Some((self.now, end));
-                self.tell(Input::Done(request, Reply::Ended));
+            }
+            Due::Answer(Tell(tell)) => {
+                *self.clock.lock().unwrap() = self.now;
+                tell();
             }
             Due::Kept(kept, end) => {
                 self.is_disk_behind = end.is_err();
@@ -449,7 +470,7 @@ impl World {
                     });
                     let by_chance = ms(self.dice.between(1, 3));
                     let after = self.audit_takes.unwrap_or(by_chance);
-                    self.add(after, Due::Begun(request, entry));
+                    self.log(after, Due::Begun(request, entry));
                 }
                 Output::End {
                     request,
@@ -458,8 +479,14 @@ impl World {
                     ..
                 } => {
                     let entry = begun.id.parse().unwrap();
-                    let after = ms(self.dice.between(0, 2));
-                    self.add(after, Due::Ended(request, entry, end.name()));
+                    let by_chance = ms(self.dice.between(0, 2));
+                    let after = self.end_takes.unwrap_or(by_chance);
+                    self.log(after, Due::Ended(entry, end.name()));
+                    self.ends.insert(request, self.logged);
+                }
+                Output::Answer { after, tell } => {
+                    let at = self.ends.get(&after).copied().unwrap_or_default();
+                    self.add(at.max(self.now) - self.now, Due::Answer(tell));
                 }
                 Output::Keep(kept) => {
                     let end = match self.dice.one_in(self.faults.disk) {
