@@ -20,6 +20,9 @@ pub struct BatchRequest {
     /// The operation is confirmed, for outputs that require it.
     #[serde(default)]
     pub confirm: bool,
+    /// It must be sent within this time, from 200 to 60000 ms, or it is not sent; 5000 by default.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub within_ms: Option<u64>,
 }
 
 const fn yes() -> bool {
@@ -107,6 +110,9 @@ pub struct GroupRequest {
     /// The operation is confirmed, for outputs that require it.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub confirm: bool,
+    /// It must be sent within this time, from 200 to 60000 ms, or it is not sent; 5000 by default.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub within_ms: Option<u64>,
 }
 
 /// The target state of a group.
@@ -171,6 +177,10 @@ pub struct SceneRequest {
     /// The operation is confirmed, for outputs that require it.
     #[serde(default)]
     pub confirm: bool,
+    /// Each step must be sent within this time from when it comes, from 200 to 60000 ms, or it is not
+    /// sent; 5000 by default.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub within_ms: Option<u64>,
 }
 
 /// `PUT /api/v1/points/{module}/{label}/lease`.
@@ -183,6 +193,9 @@ pub struct LeaseRequest {
     /// The operation is confirmed, for outputs that require it.
     #[serde(default)]
     pub confirm: bool,
+    /// It must be sent within this time, from 200 to 60000 ms, or it is not sent; 5000 by default.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub within_ms: Option<u64>,
 }
 
 /// The lease of an output.

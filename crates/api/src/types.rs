@@ -373,6 +373,9 @@ pub struct WriteRequest {
     /// The operation is confirmed, for outputs that require it.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub confirm: bool,
+    /// It must be sent within this time, from 200 to 60000 ms, or it is not sent; 5000 by default.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub within_ms: Option<u64>,
 }
 
 impl WriteRequest {
@@ -384,6 +387,7 @@ impl WriteRequest {
             only_if: None,
             no_reply: false,
             confirm: false,
+            within_ms: None,
         }
     }
 }
@@ -459,6 +463,9 @@ pub struct OutputsRequest {
     /// The operation is confirmed, for outputs that require it.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub confirm: bool,
+    /// It must be sent within this time, from 200 to 60000 ms, or it is not sent; 5000 by default.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub within_ms: Option<u64>,
 }
 
 /// The result of switching several outputs of a module.
@@ -494,6 +501,9 @@ pub struct ToggleRequest {
     /// The operation is confirmed, for outputs that require it.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub confirm: bool,
+    /// It must be sent within this time, from 200 to 60000 ms, or it is not sent; 5000 by default.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub within_ms: Option<u64>,
 }
 
 /// `POST /api/v1/points/{module}/{label}/pulse`.
@@ -511,6 +521,9 @@ pub struct PulseRequest {
     /// The operation is confirmed, for outputs that require it.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub confirm: bool,
+    /// It must be sent within this time, from 200 to 60000 ms, or it is not sent; 5000 by default.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub within_ms: Option<u64>,
 }
 
 /// What times a pulse.

@@ -28,6 +28,7 @@ mod stream;
 mod tests;
 mod timers;
 mod turns;
+mod within;
 mod write;
 
 pub use batch::{BatchDone, BatchTerms, GroupState, Part, PartDone};
@@ -35,12 +36,13 @@ pub use commands::{COMMANDS_KEPT, Command};
 pub(crate) use context::{Context, Reply, RequestId, Store, TaskId, Tell};
 pub use exclusive::LOAN_MAX;
 pub(crate) use exclusive::{Exclusive, LoanId};
-pub use lease::{LEASE_MAX, LEASE_MIN, Leased};
+pub use lease::{LEASE_MAX, LEASE_MIN, LeaseTerms, Leased};
 pub(crate) use promises::{Board, Kept, Promise, Why, boards};
 pub use pulse::{By, PULSE_MAX, Pulse, PulseDone};
 pub use reload::Reloaded;
 pub(crate) use state::State;
 pub use stream::{Batch, News, Picture, PointReading};
+pub use within::{WITHIN_MAX, WITHIN_MIN, Within};
 pub use write::{ToggleTerms, WriteDone, WriteTerms};
 
 use crate::Config;

@@ -10,8 +10,8 @@
 //!   interlocks, pulses, leases, limits, policies, scenes, lines that are lent, reloads, staleness,
 //!   the stream of changes): `core`, a state machine without I/O, one file for each. Whether a
 //!   command is refused is decided there, in the file of its subject: limits that callers meet
-//!   (`LEASE_MIN`, `PULSE_MAX`) stand in it. How long a command may wait is in `core/order.rs`; the
-//!   line gets the same deadline with it, as [`railbus_bus::Terms`].
+//!   (`LEASE_MIN`, `PULSE_MAX`) stand in it. How long a command may wait it says itself
+//!   ([`Within`]); the line gets the same deadline with it, as [`railbus_bus::Terms`].
 //! - What drives it, and what callers see of it (one file for orders, status, followers, reloads,
 //!   loans, raw frames, running rules): `service`.
 //! - Who may command what: `rights`. Why something failed: `failure`. Values and their quality:
@@ -36,8 +36,8 @@ mod truth;
 
 pub use self::core::{
     Batch, BatchDone, BatchTerms, By, COMMANDS_KEPT, Command, GroupState, LEASE_MAX, LEASE_MIN,
-    LOAN_MAX, Leased, News, PULSE_MAX, Part, PartDone, Picture, PointReading, Pulse, PulseDone,
-    Reloaded, ToggleTerms, WriteDone, WriteTerms,
+    LOAN_MAX, LeaseTerms, Leased, News, PULSE_MAX, Part, PartDone, Picture, PointReading, Pulse,
+    PulseDone, Reloaded, ToggleTerms, WITHIN_MAX, WITHIN_MIN, Within, WriteDone, WriteTerms,
 };
 pub use config::Config;
 pub use failure::Failure;

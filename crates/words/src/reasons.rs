@@ -164,6 +164,10 @@ const REASONS: &[[&str; 2]] = &[
         "\"ttl_ms\" 应为 200 到 3600000",
     ],
     [
+        "\"within_ms\" is 200 to 60000",
+        "\"within_ms\" 应为 200 到 60000",
+    ],
+    [
         "\"format\" is pcapng or ndjson",
         "\"format\" 应为 pcapng 或 ndjson",
     ],

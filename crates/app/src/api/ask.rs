@@ -9,7 +9,7 @@ use railbus_api::types::{
 };
 use railbus_device::Point;
 use railbus_site::paths;
-use railbus_site::{Failure, Pulse, Service, ToggleTerms, WriteDone, WriteTerms};
+use railbus_site::{Failure, Pulse, Service, ToggleTerms, Within, WriteDone, WriteTerms};
 use railbus_wire::Micros;
 use std::time::Instant;
 
@@ -137,6 +137,7 @@ pub async fn write(
         silent: wanted.no_reply,
         only_if: wanted.only_if,
         confirm: wanted.confirm,
+        within: within(wanted.within_ms)?,
     };
     let done = service
         .write(&module, &[(point, wanted.value)], terms)
@@ -165,6 +166,7 @@ pub async fn outputs(
         silent: wanted.no_reply,
         only_if: None,
         confirm: wanted.confirm,
+        within: within(wanted.within_ms)?,
     };
     let done = service.write(module, &set, terms).await;
     let done = done.map_err(|failure| failures::problem(service, module, None, &failure))?;
@@ -194,6 +196,7 @@ pub async fn toggle(
     let terms = ToggleTerms {
         raw: wanted.raw,
         confirm: wanted.confirm,
+        within: within(wanted.within_ms)?,
     };
     let done = service.toggle(&module, point, terms).await;
     done.map(written)
@@ -208,6 +211,7 @@ pub async fn pulse(service: &Service, path: &str, wanted: PulseRequest) -> Resul
         by: convert::by(wanted.by),
         off: wanted.off,
         confirm: wanted.confirm,
+        within: within(wanted.within_ms)?,
     };
     let done = service.pulse(&module, point, pulse).await;
     let done =
@@ -239,6 +243,16 @@ fn written(done: WriteDone) -> Written {
         audit: done.audit,
         read_then_set: done.read_then_set,
     }
+}
+
+/// The time within which a command is wanted.
+pub(super) fn within(millis: Option<u64>) -> Result<Within, Problem> {
+    let Some(millis) = millis else {
+        return Ok(Within::DEFAULT);
+    };
+    let within = Within::new(Micros(millis.saturating_mul(1_000)));
+    let reason = "\"within_ms\" is 200 to 60000";
+    within.ok_or_else(|| Problem::new(codes::BAD_REQUEST).with("reason", reason))
 }
 
 /// The module and the point of a path.

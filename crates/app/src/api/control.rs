@@ -8,7 +8,9 @@ use railbus_api::control::{
 use railbus_api::problem::{Problem, codes};
 use railbus_api::types::SCHEMA;
 use railbus_site::config::{MEMBERS_MAX, Name, Place, Step};
-use railbus_site::{BatchDone, BatchTerms, Config, Failure, GroupState, Part, Service, WriteDone};
+use railbus_site::{
+    BatchDone, BatchTerms, Config, Failure, GroupState, LeaseTerms, Part, Service, WriteDone,
+};
 use railbus_wire::Micros;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -37,6 +39,7 @@ pub async fn batch(service: &Service, wanted: BatchRequest) -> Result<BatchAnswe
         verify: wanted.verify,
         confirm: wanted.confirm,
         all_or_nothing: wanted.all_or_nothing,
+        within: ask::within(wanted.within_ms)?,
     };
     let done = service.batch(&set, terms).await;
     let done = done.map_err(|failure| failures::problem(service, "", None, &failure))?;
@@ -80,6 +83,7 @@ pub async fn set_group(
         verify: wanted.verify,
         confirm: wanted.confirm,
         all_or_nothing: wanted.all_or_nothing,
+        within: ask::within(wanted.within_ms)?,
     };
     match service.set_group(group, to, terms).await {
         Ok(done) => Ok(answer(service, done)),
@@ -130,6 +134,7 @@ pub async fn play(
 ) -> Result<BatchAnswer, Problem> {
     let terms = BatchTerms {
         confirm: wanted.confirm,
+        within: ask::within(wanted.within_ms)?,
         ..BatchTerms::default()
     };
     match service.play(scene, terms).await {
@@ -146,9 +151,12 @@ pub async fn lease(
 ) -> Result<LeaseAnswer, Problem> {
     let (module, point) = ask::find(service, path)?;
     let time = Micros(wanted.ttl_ms.saturating_mul(1_000));
-    let leased = service
-        .lease(&module, point, (wanted.value, time), wanted.confirm)
-        .await;
+    let terms = LeaseTerms {
+        confirm: wanted.confirm,
+        within: ask::within(wanted.within_ms)?,
+    };
+    let held = (wanted.value, time);
+    let leased = service.lease(&module, point, held, terms).await;
     let leased =
         leased.map_err(|failure| failures::problem(service, &module, Some(point), &failure))?;
     let until = convert::from_now(leased.left);

@@ -71,6 +71,7 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         by,
         off: matches.get_flag("off"),
         confirm: matches.get_flag("yes"),
+        within_ms: None,
     };
     context.block(give(&context, &path, wanted))
 }

@@ -71,7 +71,14 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         return out::result(lang, &frames);
     }
     let confirm = matches.get_flag("yes");
-    play(&context, name, SceneRequest { confirm })
+    play(
+        &context,
+        name,
+        SceneRequest {
+            confirm,
+            ..SceneRequest::default()
+        },
+    )
 }
 
 /// Asks the daemon or the site opened here, and changes nothing.

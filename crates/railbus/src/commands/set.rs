@@ -217,6 +217,7 @@ async fn switch(
         verify: terms.verify,
         no_reply: false,
         confirm: terms.confirm,
+        within_ms: None,
     };
     let written = backend.outputs(&module, wanted).await;
     let each = |order: &Order| Outcome {

@@ -381,3 +381,40 @@ fn several_outputs_are_switched_at_once() {
     assert_eq!(short.json()["reason"], "\"ttl_ms\" is 200 to 3600000");
     assert_eq!(code(short), (422, "E0806".to_owned()));
 }
+
+/// Every command takes it, and refuses what it can't be.
+#[test]
+fn a_command_says_within_which_time_it_must_be_sent() {
+    let daemon = Daemon::demo("within");
+    let commands = [
+        ("PUT", "points/oven/k1", r#""value":true"#),
+        ("PUT", "modules/oven/outputs", r#""set":{"k1":true}"#),
+        ("POST", "points/oven/k1/toggle", r#""raw":false"#),
+        ("POST", "points/oven/k1/pulse", r#""ms":100"#),
+        (
+            "PUT",
+            "points/oven/k1/lease",
+            r#""value":true,"ttl_ms":60000"#,
+        ),
+        (
+            "POST",
+            "batch",
+            r#""set":[{"path":"oven.k1","value":true}]"#,
+        ),
+        ("POST", "groups/night/set", r#""value":true"#),
+        ("POST", "scenes/evening/run", r#""confirm":true"#),
+    ];
+    for (method, path, body) in commands {
+        let give = |within: u32| {
+            let body = format!("{{{body},\"within_ms\":{within}}}");
+            daemon.send(method, &format!("/api/v1/{path}"), &body)
+        };
+        assert_eq!(give(60_000).status, 200, "{path}");
+        for wrong in [199, 60_001] {
+            let refused = give(wrong);
+            let reason = refused.json()["reason"].clone();
+            assert_eq!(reason, "\"within_ms\" is 200 to 60000", "{path}");
+            assert_eq!(refused.status, 422, "{path}");
+        }
+    }
+}

@@ -1,9 +1,9 @@
 //! Several outputs at once: in as few frames as possible, and all or nothing on request.
 
 use super::context::Context;
-use super::order::TTL;
 use super::state::State;
 use super::turns::Turn;
+use super::within::Within;
 use crate::config::{Config, Place};
 use crate::rights::Who;
 use crate::{Failure, WriteDone, WriteTerms};
@@ -22,6 +22,9 @@ pub struct BatchTerms {
     pub confirm: bool,
     /// If one fails, what was done is undone.
     pub all_or_nothing: bool,
+    /// All of it must be sent within this time; of a scene each step, from when it comes. It may be
+    /// undone later.
+    pub within: Within,
 }
 
 impl Default for BatchTerms {
@@ -30,6 +33,7 @@ impl Default for BatchTerms {
             verify: true,
             confirm: false,
             all_or_nothing: false,
+            within: Within::DEFAULT,
         }
     }
 }
@@ -83,6 +87,14 @@ impl BatchDone {
     }
 }
 
+/// The terms of a batch that was begun.
+#[derive(Clone, Copy, Debug)]
+struct Bound {
+    terms: BatchTerms,
+    /// Nothing is sent from this time of the site on.
+    expires: Micros,
+}
+
 /// The new state of a group.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GroupState {
@@ -111,6 +123,11 @@ enum Held {
 }
 
 impl Context {
+    fn bound(&self, terms: BatchTerms) -> Bound {
+        let expires = self.expires(terms.within);
+        Bound { terms, expires }
+    }
+
     /// Switches outputs of any modules. Those of one module are joined; if some of them are
     /// interlocked, what goes off precedes what goes on. With all or nothing, nobody else commands
     /// the outputs meanwhile.
@@ -121,16 +138,17 @@ impl Context {
         terms: BatchTerms,
     ) -> BatchDone {
         let since = self.config();
+        let bound = self.bound(terms);
         let (mut done, items) = self.with(|state| state.checked(who, set, terms));
         if !terms.all_or_nothing || items.is_empty() {
-            self.switch_in_turn(who, &mut done, &items, terms, &Held::Not(since))
+            self.switch_in_turn(who, &mut done, &items, bound, &Held::Not(since))
                 .await;
             return done;
         }
         let places: Vec<Place> = items.iter().map(|item| item.1.clone()).collect();
         // Before the turn: nobody has to wait while a silent module is read.
-        self.ask_unknown(&places).await;
-        match self.turn_since(&since, places, self.now() + TTL).await {
+        self.ask_unknown(&places, bound.expires).await;
+        match self.turn_since(&since, places, bound.expires).await {
             Ok(turn) => {
                 // Meanwhile the configuration may have changed, or the site may be closing.
                 let (done, items) = self.with(|state| state.checked(who, set, terms));
@@ -138,8 +156,8 @@ impl Context {
                     return done;
                 }
                 let places: Vec<Place> = items.iter().map(|item| item.1.clone()).collect();
-                let before = self.read_in_turn(&places).await;
-                self.all_or_nothing(who, done, &items, terms, (turn, before))
+                let before = self.read_in_turn(&places, bound.expires).await;
+                self.all_or_nothing(who, done, &items, bound, (turn, before))
                     .await
             }
             Err(fault) => BatchDone {
@@ -154,7 +172,7 @@ impl Context {
         who: &Who,
         mut done: BatchDone,
         items: &[Item],
-        terms: BatchTerms,
+        bound: Bound,
         (turn, mut before): (Turn, States),
     ) -> BatchDone {
         let held = Held::All(Arc::new(turn));
@@ -162,7 +180,7 @@ impl Context {
         // output goes where it would have gone.
         let cut = self.with(|state| state.own_pulses_of(items));
         before.extend(cut.iter().map(|(place, end)| (place.clone(), *end)));
-        self.switch_in_turn(who, &mut done, items, terms, &held)
+        self.switch_in_turn(who, &mut done, items, bound, &held)
             .await;
         if done.has_failed() {
             // Once undone, the outputs are as before, with their pulses and leases.
@@ -218,40 +236,41 @@ impl Context {
         terms: BatchTerms,
     ) -> Result<BatchDone, Failure> {
         // Before the turn: nobody has to wait while a silent module is read.
-        self.ask_unknown(&members).await;
-        let turn = self.turn_since(since, members.clone(), self.now() + TTL);
+        let bound = self.bound(terms);
+        self.ask_unknown(&members, bound.expires).await;
+        let turn = self.turn_since(since, members.clone(), bound.expires);
         let turn = turn.await?;
-        let before = self.read_in_turn(&members).await;
+        let before = self.read_in_turn(&members, bound.expires).await;
         // If nothing is known, any of it may be on.
         let are_off = members.iter().all(|at| before.get(at) == Some(&false));
         let set: Vec<_> = members.into_iter().map(|at| (at, are_off)).collect();
         let (mut done, items) = self.with(|state| state.checked(who, &set, terms));
         if terms.all_or_nothing && !items.is_empty() {
-            let all = self.all_or_nothing(who, done, &items, terms, (turn, before));
+            let all = self.all_or_nothing(who, done, &items, bound, (turn, before));
             return Ok(all.await);
         }
         turn.give_back(|place| !items.iter().any(|item| item.1 == *place));
         let held = Held::Each(Arc::new(turn));
-        self.switch_in_turn(who, &mut done, &items, terms, &held)
+        self.switch_in_turn(who, &mut done, &items, bound, &held)
             .await;
         Ok(done)
     }
 
     /// Reads the modules of outputs whose state is unknown.
-    async fn ask_unknown(&self, places: &[Place]) {
+    async fn ask_unknown(&self, places: &[Place], expires: Micros) {
         let modules: BTreeSet<String> = self.with(|state| {
             let unknown = places.iter().filter(|place| state.known(place).is_none());
             unknown.map(|place| place.module.clone()).collect()
         });
         for module in modules {
             // What could not be read stays unknown.
-            let _ = self.read_all(&module).await;
+            let _ = self.read_all(&module, expires).await;
         }
     }
 
     /// The states of outputs, read in their turn: cached ones may have been acknowledged and not
     /// read, or changed by hand. Modules of which nothing is known are not waited for.
-    async fn read_in_turn(&self, places: &[Place]) -> States {
+    async fn read_in_turn(&self, places: &[Place], expires: Micros) -> States {
         let mut modules: BTreeMap<&str, bool> = BTreeMap::new();
         self.with(|state| {
             for place in places {
@@ -260,7 +279,7 @@ impl Context {
         });
         let known = modules.into_iter().filter(|(_, is_known)| *is_known);
         let reading = known.map(|(module, _)| async move {
-            let read = self.read_all(module).await;
+            let read = self.read_all(module, expires).await;
             read.is_ok().then_some(module)
         });
         let read = self.all(reading.collect::<Vec<_>>()).await;
@@ -280,17 +299,17 @@ impl Context {
         who: &Who,
         done: &mut BatchDone,
         items: &[Item],
-        terms: BatchTerms,
+        bound: Bound,
         held: &Held,
     ) {
         if !self.with(|state| state.exclude_each_other(items)) {
-            return self.switch_at_once(who, done, items, terms, held).await;
+            return self.switch_at_once(who, done, items, bound, held).await;
         }
         for wanted in [false, true] {
             let turn: Vec<Item> = items.iter().filter(|i| i.2 == wanted).cloned().collect();
-            self.switch_at_once(who, done, &turn, terms, held).await;
+            self.switch_at_once(who, done, &turn, bound, held).await;
             let failed = turn.iter().filter_map(|item| done.parts.get(item.0));
-            if terms.all_or_nothing && failed.into_iter().any(|part| part.end.is_err()) {
+            if bound.terms.all_or_nothing && failed.into_iter().any(|part| part.end.is_err()) {
                 return;
             }
         }
@@ -302,7 +321,7 @@ impl Context {
         who: &Who,
         done: &mut BatchDone,
         items: &[Item],
-        terms: BatchTerms,
+        bound: Bound,
         held: &Held,
     ) {
         let mut by_module: BTreeMap<String, Vec<Item>> = BTreeMap::new();
@@ -311,7 +330,7 @@ impl Context {
             of_module.push(item.clone());
         }
         let each = by_module.iter().map(|(module, items)| async move {
-            let ends = self.switch_module(who, module, items, terms, held).await;
+            let ends = self.switch_module(who, module, items, bound, held).await;
             (items, ends)
         });
         for (items, ends) in self.all(each.collect::<Vec<_>>()).await {
@@ -330,19 +349,19 @@ impl Context {
         who: &Who,
         module: &str,
         items: &[Item],
-        terms: BatchTerms,
+        bound: Bound,
         held: &Held,
     ) -> Vec<Result<PartDone, Failure>> {
         let set: Vec<(Point, bool)> = items.iter().map(|(_, at, on)| (at.point, *on)).collect();
-        let mut ends = self.switch_points(who, module, &set, terms, held).await;
+        let mut ends = self.switch_points(who, module, &set, bound, held).await;
         let one_must_not = matches!(
             ends.first(),
             Some(Err(Failure::Interlock { .. } | Failure::MinOff { .. }))
         );
-        if one_must_not && !terms.all_or_nothing && set.len() > 1 {
+        if one_must_not && !bound.terms.all_or_nothing && set.len() > 1 {
             ends.clear();
             for one in set {
-                ends.extend(self.switch_points(who, module, &[one], terms, held).await);
+                ends.extend(self.switch_points(who, module, &[one], bound, held).await);
             }
         }
         if let Held::Each(turn) = held {
@@ -357,7 +376,7 @@ impl Context {
         who: &Who,
         module: &str,
         set: &[(Point, bool)],
-        terms: BatchTerms,
+        Bound { terms, expires }: Bound,
         held: &Held,
     ) -> Vec<Result<PartDone, Failure>> {
         let terms = WriteTerms {
@@ -367,10 +386,12 @@ impl Context {
         };
         // The site may have begun to close since: its own policies take precedence.
         let ends = self.with(|state| state.schedule.is_stopping);
-        let expires = self.now() + TTL;
         let done = match held {
             _ if ends => Err(Fault::Closed.into()),
-            Held::Not(since) => self.write_since(since, who, module, set, terms).await,
+            Held::Not(since) => {
+                let terms = (terms, expires);
+                self.write_since(since, who, module, set, terms).await
+            }
             Held::Each(turn) => {
                 let points: Vec<Point> = set.iter().map(|(point, _)| *point).collect();
                 match self
@@ -430,8 +451,9 @@ impl Context {
             undone: false,
         };
         let again: Vec<Item> = back.iter().map(|b| (b.0, b.1.clone(), b.2)).collect();
-        let terms = BatchTerms::default();
-        self.switch_in_turn(who, &mut undone, &again, terms, held)
+        // However late it is.
+        let bound = self.bound(BatchTerms::default());
+        self.switch_in_turn(who, &mut undone, &again, bound, held)
             .await;
         done.undone = lost.is_empty() && !undone.has_failed();
         let ends = undone.parts.iter().zip(&back);

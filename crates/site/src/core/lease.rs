@@ -1,10 +1,11 @@
 //! Leases: outputs that keep their state only for as long as the lease is renewed.
 
 use super::context::Context;
-use super::order::{TTL, places};
+use super::order::places;
 use super::promises::Why;
 use super::state::State;
 use super::timers::{Begin, is_released};
+use super::within::{TTL, Within};
 use super::write::note;
 use crate::config::Place;
 use crate::rights::Who;
@@ -17,6 +18,15 @@ use std::time::Duration;
 pub const LEASE_MIN: Micros = Micros::from_millis(200);
 /// The longest lease.
 pub const LEASE_MAX: Micros = Micros::from_secs(3_600);
+
+/// On what terms an output is leased.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LeaseTerms {
+    /// The caller confirms an output that requires it.
+    pub confirm: bool,
+    /// It must be sent within this time; a renewal sends nothing, and must have its turn within it.
+    pub within: Within,
+}
 
 /// How an output was leased, or its lease renewed.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -35,8 +45,10 @@ impl Context {
         module: &str,
         point: Point,
         (value, time): (bool, Micros),
-        confirm: bool,
+        terms: LeaseTerms,
     ) -> Result<Leased, Failure> {
+        let LeaseTerms { confirm, within } = terms;
+        let expires = self.expires(within);
         self.with(|state| state.may_command(who, module, &[point], confirm))?;
         if !(LEASE_MIN..=LEASE_MAX).contains(&time) {
             return Err(Failure::LeaseTime(point));
@@ -45,7 +57,6 @@ impl Context {
             self.with(|state| state.watched(module, [point]))?;
         }
         let length = Duration::from_micros(time.0);
-        let expires = self.now() + TTL;
         let turn = self.turn(places(module, &[point]), expires).await?;
         // Meanwhile the configuration may have changed, or the site may be closing.
         self.with(|state| state.may_command(who, module, &[point], confirm))?;

@@ -8,6 +8,7 @@ use super::context::Context;
 use super::promises::Why;
 use super::state::State;
 use super::turns::Turn;
+use super::within::TTL;
 use crate::config::{Place, Safety};
 use crate::{Failure, Value, WriteDone};
 use railbus_device::{Bank, Module, Observation, Op, Point};
@@ -15,16 +16,13 @@ use railbus_host::{Confirmed, Done, Fault};
 use railbus_store::audit::{End, Note};
 use railbus_wire::{Channel, Micros};
 
-/// How long after its request a command may still be sent.
-pub(super) const TTL: Micros = Micros::from_secs(5);
-
 /// A command to outputs of one module.
 pub(super) struct Order<'a> {
     pub(super) module: &'a str,
     pub(super) points: &'a [Point],
     pub(super) op: Op,
     pub(super) verify: bool,
-    /// It is no longer sent after this time.
+    /// It is not sent from this time of the site on.
     pub(super) expires: Micros,
 }
 
@@ -109,7 +107,7 @@ impl Context {
     ) -> Result<WriteDone, Failure> {
         let Order { module, points, .. } = order;
         let mut effect = self.with(|state| state.effect(module, points, &order.op));
-        self.ask_excluded(&effect.rising).await;
+        self.ask_excluded(&effect.rising, order.expires).await;
         let (begun, before) = self.begin_command(module, points, entry).await?;
         let id = begun.id.clone();
         let allowed = self.with(|state| {
@@ -123,11 +121,14 @@ impl Context {
             self.end_command(begun, Err(end), String::new(), entry);
             return Err(failure);
         }
-        self.forget_off(&effect.rising).await;
-        let limits = self.limit(&effect).await;
+        let expires = order.expires;
+        self.until(expires, self.forget_off(&effect.rising)).await;
+        let limits = self.limit(&effect, expires).await;
         let at = turn.at(module);
         let end = match at.filter(|at| self.with(|state| state.has(*at))) {
-            Some(at) => self.run_at(at, order.op, order.verify, order.expires).await,
+            // The log or the disk took too long.
+            Some(_) if self.now() >= expires => Err(Fault::Expired),
+            Some(at) => self.run_at(at, order.op, order.verify, expires).await,
             None => Err(Fault::Closed),
         };
         let acted = Acted::of(&end);
@@ -232,7 +233,7 @@ impl Context {
 
     /// Sees to it that outputs which may be on for so long only are switched off then, before
     /// they are switched on. Gives back those whose longest time began with that, and its number.
-    async fn limit(&self, effect: &Effect) -> Vec<(Place, u64)> {
+    async fn limit(&self, effect: &Effect, expires: Micros) -> Vec<(Place, u64)> {
         let mut limits = Vec::new();
         for place in &effect.rising {
             let key = (place.clone(), Why::MaxOn);
@@ -247,7 +248,7 @@ impl Context {
                 if !runs {
                     limits.push((place.clone(), timer.number()));
                 }
-                timer.promised().await;
+                timer.promised_by(expires).await;
             }
         }
         limits
@@ -255,34 +256,40 @@ impl Context {
 
     /// Asks the modules of which nothing sure is known, where outputs that exclude these hang on
     /// them. What that brings is looked at afterwards.
-    async fn ask_excluded(&self, rising: &[Place]) {
+    async fn ask_excluded(&self, rising: &[Place], expires: Micros) {
         if rising.is_empty() {
             return;
         }
         for module in self.with(|state| state.to_be_asked(rising)) {
-            let _ = self.read_all(&module).await;
+            let _ = self.read_all(&module, expires).await;
         }
     }
 
-    /// Asks a module for everything now. What it says is known when this returns.
+    /// Asks a module for everything now, until then. What it says is known when this returns.
     ///
     /// # Errors
     /// [`Failure::NoSuchModule`], or what the line said.
-    pub(crate) async fn read_all(&self, module: &str) -> Result<(), Failure> {
+    pub(super) async fn read_all(&self, module: &str, expires: Micros) -> Result<(), Failure> {
         let setup = self.with(|state| state.described(module).map(|module| module.setup))?;
         let described = Module::new(setup).map_err(|_| Fault::Unsupported)?;
         for op in described.full_poll() {
-            self.run(module, op).await?;
+            self.run(module, op, expires).await?;
         }
         Ok(())
     }
 
-    /// Reads something of a module, within the time that a command has.
-    pub(super) async fn run(&self, module: &str, op: Op) -> Result<Done, Fault> {
-        let (at, expires) = self.with(|state| (state.at(module), state.now.site + TTL));
-        let end = self
-            .run_at(at.ok_or(Fault::Closed)?, op, false, expires)
-            .await;
+    /// The same for a caller who asked for nothing else.
+    ///
+    /// # Errors
+    /// The same.
+    pub(crate) async fn read_fresh(&self, module: &str) -> Result<(), Failure> {
+        self.read_all(module, self.now() + TTL).await
+    }
+
+    /// Reads something of a module, until then.
+    pub(super) async fn run(&self, module: &str, op: Op, expires: Micros) -> Result<Done, Fault> {
+        let at = self.with(|state| state.at(module)).ok_or(Fault::Closed)?;
+        let end = self.run_at(at, op, false, expires).await;
         self.with(|state| state.note_fault(module, &end));
         end
     }

@@ -2,9 +2,10 @@
 //! to the caller.
 
 use super::context::Context;
-use super::order::{Entry, Order, TTL, channel, places};
+use super::order::{Entry, Order, channel, places};
 use super::promises::Why;
 use super::timers::Begin;
+use super::within::{TTL, Within};
 use super::write::note;
 use crate::config::Place;
 use crate::rights::Who;
@@ -28,6 +29,8 @@ pub struct Pulse {
     pub off: bool,
     /// The caller confirms an output that requires it.
     pub confirm: bool,
+    /// It must have begun within this time.
+    pub within: Within,
 }
 
 /// Who times a pulse.
@@ -79,12 +82,12 @@ impl Context {
         pulse: Pulse,
     ) -> Result<PulseDone, Failure> {
         self.with(|state| state.may_command(who, module, &[point], pulse.confirm))?;
-        let expires = self.now() + TTL;
+        let expires = self.expires(pulse.within);
         let turn = self.turn(places(module, &[point]), expires).await?;
         // Meanwhile the configuration may have changed, or the site begun to end.
         self.with(|state| state.may_command(who, module, &[point], pulse.confirm))?;
         // It may be another board by now, or keep the time otherwise.
-        let way = self.way(module, point, pulse).await?;
+        let way = self.way(module, point, pulse, expires).await?;
         let value = !pulse.off;
         let label = self.with(|state| state.label(module, point));
         let (begun, by, width) = match way {
@@ -131,7 +134,13 @@ impl Context {
     }
 
     /// How a pulse is given by this kind of module.
-    async fn way(&self, module: &str, point: Point, pulse: Pulse) -> Result<Way, Failure> {
+    async fn way(
+        &self,
+        module: &str,
+        point: Point,
+        pulse: Pulse,
+        expires: Micros,
+    ) -> Result<Way, Failure> {
         let setup = self.with(|state| state.described(module).map(|module| module.setup))?;
         let refused = |pulses: Option<Pulses>| Failure::PulseWidth {
             point,
@@ -158,7 +167,7 @@ impl Context {
                 Ok(Way::Device(jog, width))
             }
             (PulseTiming::Stored, by) => {
-                let pulses = self.pulses(module).await?;
+                let pulses = self.pulses(module, expires).await?;
                 let own = pulses.of(point).map(|_| own_width(pulses));
                 match (own, by, width) {
                     (Some(own), By::Auto | By::Device, asked)
@@ -177,12 +186,12 @@ impl Context {
     }
 
     /// Which outputs of the module give pulses; it is asked where that is not known.
-    async fn pulses(&self, module: &str) -> Result<Pulses, Failure> {
+    async fn pulses(&self, module: &str, expires: Micros) -> Result<Pulses, Failure> {
         let known = self.with(|state| state.site.pulses(module));
         if let Some(pulses) = known {
             return Ok(pulses);
         }
-        let done = self.run(module, Op::ReadPulse).await?;
+        let done = self.run(module, Op::ReadPulse, expires).await?;
         match done.seen {
             Some(Observation::Pulse { mask, width }) => Ok(Pulses { mask, width }),
             _ => Err(railbus_host::Fault::Unsupported.into()),
@@ -200,7 +209,7 @@ impl Context {
         if gives_none {
             return false;
         }
-        let pulses = self.pulses(&place.module).await;
+        let pulses = self.pulses(&place.module, self.now() + TTL).await;
         pulses.map_or(true, |pulses| pulses.of(place.point).is_some())
     }
 }

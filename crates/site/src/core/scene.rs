@@ -98,13 +98,17 @@ impl Context {
         let set: Vec<_> = outputs.iter().map(|place| (place.point, on)).collect();
         let end = match terms {
             Some(BatchTerms {
-                verify, confirm, ..
+                verify,
+                confirm,
+                within,
+                ..
             }) => {
                 let terms = WriteTerms {
                     verify,
                     confirm,
                     ..WriteTerms::default()
                 };
+                let terms = (terms, self.expires(within));
                 self.write_since(since, who, &module, &set, terms).await
             }
             None => Err(Failure::NotTried),

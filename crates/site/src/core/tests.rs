@@ -10,4 +10,5 @@ mod places;
 mod soak;
 mod stream;
 mod turns;
+mod within;
 mod world;

@@ -3,11 +3,12 @@
 //! depends on who asked for it.
 
 use super::context::{Context, TaskId};
-use super::order::{Entry, Order, TTL, channel};
+use super::order::{Entry, Order, channel};
 use super::promises::{Key, Promise, Why};
 use super::schedule::{Running, STOP_MAX, Time};
 use super::state::State;
 use super::turns::Turn;
+use super::within::TTL;
 use crate::config::Place;
 use crate::service::lock;
 use crate::{Change, Failure, Value, WriteDone};
@@ -93,6 +94,12 @@ impl Timer {
     /// Runs from when it is promised on. What the disk refuses holds as long as the process does.
     pub(super) async fn promised(self) {
         let _ = self.context.keep().await;
+        self.run();
+    }
+
+    /// The same of one for a command: a disk that takes longer than that has is not waited for.
+    pub(super) async fn promised_by(self, expires: Micros) {
+        let _ = self.context.until(expires, self.context.keep()).await;
         self.run();
     }
 

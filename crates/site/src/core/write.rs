@@ -1,8 +1,9 @@
 //! Outputs written or switched over: what is checked before a command goes to the line.
 
 use super::context::Context;
-use super::order::{Entry, Order, TTL, bank_state, channel, places};
+use super::order::{Entry, Order, bank_state, channel, places};
 use super::turns::Turn;
+use super::within::{TTL, Within};
 use crate::Failure;
 use crate::config::Config;
 use crate::config::Place;
@@ -23,6 +24,8 @@ pub struct WriteTerms {
     pub only_if: Option<bool>,
     /// Who asks means it, also for outputs that want that to be said.
     pub confirm: bool,
+    /// It must be sent within this time.
+    pub within: Within,
 }
 
 impl Default for WriteTerms {
@@ -32,6 +35,7 @@ impl Default for WriteTerms {
             silent: false,
             only_if: None,
             confirm: false,
+            within: Within::DEFAULT,
         }
     }
 }
@@ -43,6 +47,8 @@ pub struct ToggleTerms {
     pub raw: bool,
     /// Who asks means it, also for outputs that want that to be said.
     pub confirm: bool,
+    /// It must be sent within this time.
+    pub within: Within,
 }
 
 /// How outputs were written.
@@ -78,28 +84,29 @@ impl Context {
         terms: WriteTerms,
     ) -> Result<WriteDone, Failure> {
         let since = self.config();
-        self.write_since(&since, who, module, set, terms).await
+        let expires = self.expires(terms.within);
+        self.write_since(&since, who, module, set, (terms, expires))
+            .await
     }
 
     /// The same at the board that had the name in an earlier configuration, as one of several
-    /// steps: see [`Context::turn_since`].
+    /// steps that has until then: see [`Context::turn_since`].
     pub(super) async fn write_since(
         &self,
         since: &Config,
         who: &Who,
         module: &str,
         set: &[(Point, bool)],
-        terms: WriteTerms,
+        (terms, expires): (WriteTerms, Micros),
     ) -> Result<WriteDone, Failure> {
         let points: Vec<Point> = set.iter().map(|(point, _)| *point).collect();
         self.with(|state| state.may_command(who, module, &points, terms.confirm))?;
-        let expires = self.now() + TTL;
         let turn = self.turn_since(since, places(module, &points), expires);
         let turn = turn.await?;
         // Meanwhile the configuration may have changed, or the site begun to end.
         self.with(|state| state.may_command(who, module, &points, terms.confirm))?;
         if let Some(wanted) = terms.only_if {
-            self.read_all(module).await?;
+            self.read_all(module, expires).await?;
             let other = self.with(|state| {
                 let known = |point| state.output(module, point);
                 let other = points.iter().find(|point| known(**point) != Some(wanted));
@@ -178,9 +185,13 @@ impl Context {
         point: Point,
         terms: ToggleTerms,
     ) -> Result<WriteDone, Failure> {
-        let ToggleTerms { raw, confirm } = terms;
+        let ToggleTerms {
+            raw,
+            confirm,
+            within,
+        } = terms;
+        let expires = self.expires(within);
         self.with(|state| state.may_command(who, module, &[point], confirm))?;
-        let expires = self.now() + TTL;
         let turn = self.turn(places(module, &[point]), expires).await?;
         self.with(|state| state.may_command(who, module, &[point], confirm))?;
         let done = if raw {
@@ -198,7 +209,7 @@ impl Context {
             let mut entry = Entry::new(note(who, what));
             self.command(&turn, order, &mut entry, |_| None).await?
         } else {
-            let read = self.read_all(module).await;
+            let read = self.read_all(module, expires).await;
             read.map_err(|failure| match failure {
                 Failure::Line(fault) => Failure::NotRead(fault),
                 other => other,

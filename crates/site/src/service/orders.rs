@@ -5,8 +5,8 @@
 use super::Service;
 use crate::config::{Place, Step};
 use crate::core::{
-    BatchDone, BatchTerms, Context, GroupState, Leased, Pulse, PulseDone, ToggleTerms, WriteDone,
-    WriteTerms,
+    BatchDone, BatchTerms, Context, GroupState, LeaseTerms, Leased, Pulse, PulseDone, ToggleTerms,
+    WriteDone, WriteTerms,
 };
 use crate::rights::Who;
 use crate::{Config, Failure, Rights};
@@ -156,11 +156,11 @@ impl Service {
         module: &str,
         point: Point,
         held: (bool, Micros),
-        confirm: bool,
+        terms: LeaseTerms,
     ) -> Result<Leased, Failure> {
         let name = module.to_owned();
         self.order(Outputs::Point(module, point), |core, who| async move {
-            core.lease(&who, &name, point, held, confirm).await
+            core.lease(&who, &name, point, held, terms).await
         })
         .await
     }
@@ -247,7 +247,7 @@ impl Service {
     /// [`Failure::NoSuchModule`], or what the line said.
     pub async fn read_fresh(&self, module: &str) -> Result<(), Failure> {
         let module = module.to_owned();
-        let read = self.ask_while(|core| async move { core.read_all(&module).await });
+        let read = self.ask_while(|core| async move { core.read_fresh(&module).await });
         read.await.unwrap_or_else(|| Err(Fault::Unknown.into()))
     }
 }

@@ -5,15 +5,17 @@ use crate::safety::{site, switch};
 use railbus_host::{LineState, Presence};
 use railbus_site::config::Place;
 use railbus_site::{
-    BatchTerms, Config, Failure, LOAN_MAX, Leased, Loan, Pulse, Quality, Reason, Service,
-    WriteTerms,
+    BatchTerms, Config, Failure, LOAN_MAX, LeaseTerms, Leased, Loan, Pulse, Quality, Reason,
+    Service, Within, WriteTerms,
 };
 use railbus_wire::Micros;
 use std::time::Duration;
 
 async fn hold(service: &Service, number: u8, millis: u64) -> Result<Leased, Failure> {
     let held = (true, Micros::from_millis(millis));
-    service.lease("oven", k(number), held, false).await
+    service
+        .lease("oven", k(number), held, LeaseTerms::default())
+        .await
 }
 
 #[tokio::test]
@@ -109,6 +111,7 @@ const LONG: Pulse = Pulse {
     by: railbus_site::By::Host,
     off: false,
     confirm: false,
+    within: Within::DEFAULT,
 };
 
 #[tokio::test]
@@ -329,7 +332,10 @@ const HELD: (bool, Micros) = (true, Micros::from_secs(600));
 #[tokio::test]
 async fn a_line_comes_back_though_nobody_waits_for_it_any_more() {
     let (service, boards) = site("").await;
-    service.lease("oven", k(1), HELD, false).await.unwrap();
+    service
+        .lease("oven", k(1), HELD, LeaseTerms::default())
+        .await
+        .unwrap();
     boards.mute(3, true);
     goes_away(service.lend("main")).await;
     boards.mute(3, false);
@@ -342,7 +348,10 @@ async fn a_line_comes_back_though_nobody_waits_for_it_any_more() {
 #[tokio::test]
 async fn a_configuration_comes_into_force_though_nobody_waits_for_it_any_more() {
     let (service, boards) = site("").await;
-    service.lease("oven", k(1), HELD, false).await.unwrap();
+    service
+        .lease("oven", k(1), HELD, LeaseTerms::default())
+        .await
+        .unwrap();
     boards.mute(3, true);
     let text = other_text(&service, "baud = 19200\n", "");
     goes_away(service.reload(&text.replace("address = 3", "address = 5"))).await;
@@ -358,7 +367,10 @@ async fn a_configuration_comes_into_force_though_nobody_waits_for_it_any_more() 
 async fn an_output_that_is_locked_meanwhile_has_its_end_all_the_same() {
     let (service, boards) = site("").await;
     let held = (true, Micros::from_millis(300));
-    service.lease("oven", k(1), held, false).await.unwrap();
+    service
+        .lease("oven", k(1), held, LeaseTerms::default())
+        .await
+        .unwrap();
     let text = other_text(&service, "", "[module.oven.point]\nk1.locked = true\n");
     boards.mute(3, true);
     service.reload(&text).await.unwrap();

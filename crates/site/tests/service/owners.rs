@@ -7,7 +7,8 @@ use crate::board::{self, Boards, Write, k};
 use crate::safety::{Dice, config, folder, known};
 use railbus_site::config::Place;
 use railbus_site::{
-    BatchDone, BatchTerms, By, Failure, GroupState, Pulse, Service, ToggleTerms, WriteTerms,
+    BatchDone, BatchTerms, By, Failure, GroupState, LeaseTerms, Pulse, Service, ToggleTerms,
+    Within, WriteTerms,
 };
 use railbus_wire::Micros;
 use std::sync::Arc;
@@ -92,11 +93,14 @@ async fn timed(service: Service, timed: Timed) {
         by: By::Host,
         off: timed == Timed::Inverted,
         confirm: false,
+        within: Within::DEFAULT,
     };
     match timed {
         Timed::Lease => {
             let held = (true, Micros::from_millis(200));
-            let _ = service.lease("oven", k(1), held, false).await;
+            let _ = service
+                .lease("oven", k(1), held, LeaseTerms::default())
+                .await;
         }
         Timed::Twice => {
             let (first, second) = tokio::join!(
@@ -159,7 +163,9 @@ async fn rival(service: Service, boards: Arc<Boards>, rival: Rival) -> bool {
         Rival::Renew => {
             for _ in 0..4 {
                 let held = (true, Micros::from_millis(200));
-                let _ = service.lease("oven", k(1), held, false).await;
+                let _ = service
+                    .lease("oven", k(1), held, LeaseTerms::default())
+                    .await;
                 tokio::time::sleep(Duration::from_millis(40)).await;
             }
         }

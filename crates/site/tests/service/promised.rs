@@ -4,7 +4,7 @@
 
 use crate::board::{self, Boards, k, until};
 use crate::safety::{config, folder, known, switch};
-use railbus_site::{Config, Failure, Pulse, Service};
+use railbus_site::{Config, Failure, LeaseTerms, Pulse, Service, Within};
 use railbus_store::audit::End;
 use railbus_wire::Micros;
 use std::path::{Path, PathBuf};
@@ -29,11 +29,14 @@ const LONG: Pulse = Pulse {
     by: railbus_site::By::Host,
     off: false,
     confirm: false,
+    within: Within::DEFAULT,
 };
 
 async fn hold(service: &Service, millis: u64) -> Result<Duration, Failure> {
     let held = (true, Micros::from_millis(millis));
-    let held = service.lease("oven", k(1), held, false).await;
+    let held = service
+        .lease("oven", k(1), held, LeaseTerms::default())
+        .await;
     held.map(|held| held.left)
 }
 
@@ -387,7 +390,10 @@ async fn a_pulse_that_may_have_begun_ends_though_a_lease_is_given_back() {
     let policy = "[module.oven.point.k1]\non_offline = \"hold\"\n";
     let (service, boards) = crate::safety::site(policy).await;
     let held = (false, Micros::from_secs(60));
-    service.lease("oven", k(1), held, false).await.unwrap();
+    service
+        .lease("oven", k(1), held, LeaseTerms::default())
+        .await
+        .unwrap();
     boards.mute(3, true);
     let width = Some(Micros::from_secs(3));
     let pulse = Pulse { width, ..LONG };

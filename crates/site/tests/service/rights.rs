@@ -4,8 +4,8 @@ use crate::board::k;
 use crate::sending::frame;
 use crate::several::set;
 use railbus_site::{
-    BatchTerms, Config, Failure, GroupState, Pulse, RawTerms, ReloadError, Rights, Role, Service,
-    ToggleTerms, WriteTerms,
+    BatchTerms, Config, Failure, GroupState, LeaseTerms, Pulse, RawTerms, ReloadError, Rights,
+    Role, Service, ToggleTerms, WriteTerms,
 };
 use railbus_store::audit::{End, Origin};
 use railbus_wire::{Address, Exchange, Micros, rtu};
@@ -36,7 +36,9 @@ async fn all(service: &Service) -> Vec<(&'static str, Result<(), Failure>)> {
     let write = service.write("oven", &both, WriteTerms::default()).await;
     let toggle = service.toggle("oven", k(2), ToggleTerms::default()).await;
     let pulse = service.pulse("oven", k(2), Pulse::default()).await;
-    let lease = service.lease("oven", k(2), (true, second), false).await;
+    let lease = service
+        .lease("oven", k(2), (true, second), LeaseTerms::default())
+        .await;
     let end_lease = service.end_lease("oven", k(2)).await;
     let batch = service.batch(&batch, terms).await;
     let group = service

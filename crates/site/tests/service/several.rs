@@ -3,7 +3,9 @@
 use crate::board::{k, until};
 use crate::safety::{site, switch};
 use railbus_site::config::Place;
-use railbus_site::{BatchDone, BatchTerms, Failure, GroupState, Quality, Service};
+use railbus_site::{
+    BatchDone, BatchTerms, Failure, GroupState, LeaseTerms, Quality, Service, Within,
+};
 use railbus_wire::Micros;
 use std::time::Duration;
 
@@ -16,6 +18,7 @@ pub(crate) const ALL: BatchTerms = BatchTerms {
     verify: true,
     confirm: false,
     all_or_nothing: true,
+    within: Within::DEFAULT,
 };
 
 pub(crate) fn failures(done: &BatchDone) -> Vec<Option<&'static str>> {
@@ -206,7 +209,9 @@ async fn an_output_is_held_for_as_long_as_that_is_said_again() {
     let (service, boards) = site(points).await;
     let hold = async |number, value, millis| {
         let held = (value, Micros::from_millis(millis));
-        service.lease("oven", k(number), held, false).await
+        service
+            .lease("oven", k(number), held, LeaseTerms::default())
+            .await
     };
     let taken = hold(1, true, 60_000).await.unwrap();
     assert!(taken.written.is_some());

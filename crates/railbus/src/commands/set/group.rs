@@ -33,6 +33,7 @@ pub(super) fn run(
         all_or_nothing: false,
         verify: terms.verify,
         confirm: terms.confirm,
+        within_ms: None,
     };
     let (answer, stopped) = context.block(async {
         let mut stop = stop::Stop::new(context)?;

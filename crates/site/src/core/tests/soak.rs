@@ -5,6 +5,7 @@
 mod judge;
 mod layout;
 
+use super::super::within::TTL;
 use super::super::*;
 use super::world::{Acted, Dice, End, Faults, Logged, Seat, World, at, bit, ms, who_is};
 use crate::Failure;
@@ -51,6 +52,9 @@ struct Command {
     is_single: bool,
     /// Nobody else commands its outputs until it ends.
     holds_all: bool,
+    /// Until when its frames may be sent; none where it is not judged: a scene takes its time,
+    /// and what is all or nothing may be undone later.
+    expires: Option<Micros>,
     ended: Option<Micros>,
 }
 
@@ -195,10 +199,23 @@ impl Soak {
             asked,
             is_single,
             holds_all: is_single,
+            expires: is_single.then_some(self.world.now + TTL),
             ended: None,
         });
         self.orders += 1;
         (who_is(&who), number, Arc::clone(&self.tolds))
+    }
+
+    /// How long a command has, which is judged from now on.
+    fn within(&mut self, number: usize) -> Within {
+        let time = match self.dice.below(3) {
+            0 => WITHIN_MIN,
+            1 => ms(self.dice.between(200, 5_000)),
+            _ => ms(5_000),
+        };
+        let command = &mut self.commands[number];
+        command.expires = (command.is_single || !command.holds_all).then_some(command.began + time);
+        Within::new(time).unwrap()
     }
 
     /// A client asks for something.
@@ -210,15 +227,19 @@ impl Soak {
             0..=3 => {
                 let asked = vec![(place, Asked::Write(on))];
                 let (who, number, tolds) = self.begin(asked, true);
+                let terms = WriteTerms {
+                    within: self.within(number),
+                    ..WriteTerms::default()
+                };
                 self.world.order(move |core| async move {
                     let set = [(point, on)];
-                    let end = core.write(&who, &module, &set, WriteTerms::default()).await;
+                    let end = core.write(&who, &module, &set, terms).await;
                     let end = told(end.map(|_| Told::Is(on)));
                     tolds.lock().unwrap().push((number, vec![end]));
                 });
             }
             4..=5 => {
-                let pulse = Pulse {
+                let mut pulse = Pulse {
                     width: Some(ms(self.dice.between(1, 8_000))),
                     off: self.dice.one_in(4),
                     ..Pulse::default()
@@ -230,6 +251,7 @@ impl Soak {
                 };
                 let asked = vec![(place, asked)];
                 let (who, number, tolds) = self.begin(asked, true);
+                pulse.within = self.within(number);
                 self.world.order(move |core| async move {
                     let end = core.pulse(&who, &module, point, pulse).await;
                     let end = told(end.map(|_| Told::Goes(pulse.off)));
@@ -240,8 +262,12 @@ impl Soak {
                 let time = ms(self.dice.between(200, 8_000));
                 let asked = vec![(place, Asked::Timed(on))];
                 let (who, number, tolds) = self.begin(asked, true);
+                let terms = LeaseTerms {
+                    within: self.within(number),
+                    ..LeaseTerms::default()
+                };
                 self.world.order(move |core| async move {
-                    let end = core.lease(&who, &module, point, (on, time), false).await;
+                    let end = core.lease(&who, &module, point, (on, time), terms).await;
                     let end = told(end.map(|_| Told::Goes(!on)));
                     tolds.lock().unwrap().push((number, vec![end]));
                 });
@@ -259,8 +285,11 @@ impl Soak {
             }
             9 => {
                 let (who, number, tolds) = self.begin(vec![(place, Asked::Toggle)], true);
+                let terms = ToggleTerms {
+                    within: self.within(number),
+                    ..ToggleTerms::default()
+                };
                 self.world.order(move |core| async move {
-                    let terms = ToggleTerms::default();
                     let end = core.toggle(&who, &module, point, terms).await;
                     let end = told(end.map(|done| Told::Is(done.outputs[0].1 == Some(true))));
                     tolds.lock().unwrap().push((number, vec![end]));
@@ -279,7 +308,7 @@ impl Soak {
             1 => GroupState::Set(true),
             _ => GroupState::Toggle,
         };
-        let terms = BatchTerms {
+        let mut terms = BatchTerms {
             all_or_nothing: self.dice.one_in(2),
             ..BatchTerms::default()
         };
@@ -288,6 +317,7 @@ impl Soak {
         let asked = members.into_iter().map(|place| (place, Asked::Toggle));
         let (who, number, tolds) = self.begin(asked.collect(), false);
         self.commands[number].holds_all = terms.all_or_nothing;
+        terms.within = self.within(number);
         self.world.order(move |core| async move {
             let done = core.set_group(&who, "all", to, terms).await;
             let ends = match done {
@@ -332,13 +362,14 @@ impl Soak {
             set.insert(place, on);
         }
         let set: Vec<_> = set.into_iter().collect();
-        let terms = BatchTerms {
+        let mut terms = BatchTerms {
             all_or_nothing: self.dice.one_in(2),
             ..BatchTerms::default()
         };
         let asked = set.iter().map(|(at, on)| (at.clone(), Asked::Write(*on)));
         let (who, number, tolds) = self.begin(asked.collect(), false);
         self.commands[number].holds_all = terms.all_or_nothing;
+        terms.within = self.within(number);
         self.world.order(move |core| async move {
             let done = core.batch(&who, &set, terms).await;
             let ends = done.parts.into_iter();

@@ -328,9 +328,10 @@ impl World {
         (on, time): (bool, Micros),
     ) -> End<Result<Leased, Failure>> {
         let (module, who, point) = (output.0.to_owned(), who_is(who), k(output.1));
-        self.order(
-            move |core| async move { core.lease(&who, &module, point, (on, time), false).await },
-        )
+        self.order(move |core| async move {
+            core.lease(&who, &module, point, (on, time), LeaseTerms::default())
+                .await
+        })
     }
 
     /// Lets time pass, and everything happen that comes to be meanwhile.

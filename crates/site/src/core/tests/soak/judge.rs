@@ -1,7 +1,6 @@
 //! The judge: what was told is so, what was obeyed was asked of that board, and in the end every
 //! output of every board is as its last owner wanted.
 
-use super::super::super::order::TTL;
 use super::*;
 use railbus_device::Bank;
 
@@ -241,7 +240,8 @@ impl Soak {
                 if command.is_single && !seats.any(|seat| *seat == acted.seat) {
                     return Err(format!("{entry:?} was asked of another board: {acted:?}"));
                 }
-                if command.is_single && acted.at > command.began + TTL + ms(300) {
+                let late = |expires: Micros| acted.at > expires + ms(100);
+                if command.expires.is_some_and(late) {
                     return Err(format!("{entry:?} was obeyed too late: {acted:?}"));
                 }
             }
