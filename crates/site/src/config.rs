@@ -43,8 +43,8 @@ pub use webhook::{URL_MAX, WEBHOOKS_MAX, Webhook, is_url};
 
 use railbus_bus::{EchoMode, Plan};
 use railbus_commission::settings::Wanted;
-use railbus_device::{Point, Setup};
-use railbus_wire::Settings;
+use railbus_device::{Point, PointKind, Setup};
+use railbus_wire::{Micros, Settings};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// A whole site.
@@ -150,6 +150,18 @@ impl ModuleConfig {
         } else {
             unpolled(self.plan.identify)
         }
+    }
+
+    /// From which age on its values are stale; none where they never are.
+    #[must_use]
+    pub fn max_age(&self) -> Option<Micros> {
+        self.plan.enabled.then_some(self.plan.max_age)
+    }
+
+    /// What a point measures, if it is an analog input.
+    #[must_use]
+    pub fn range_shown(&self, point: Point) -> Option<&Range> {
+        (point.kind == PointKind::Analog).then(|| self.range_of(point))
     }
 
     /// What an analog input measures.

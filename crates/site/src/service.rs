@@ -22,7 +22,7 @@ pub use record::{Events, Work};
 pub use reload::ReloadError;
 pub use rules::RuleStatus;
 pub use send::{Sent, is_refused};
-pub use status::{Left, LineStatus, ModuleStatus, PointStatus};
+pub use status::{Left, LineStatus, ModuleStatus, PointNow, PointStatus};
 pub use update::{Update, Updates};
 
 use crate::core::{Command, Context, Core, Input, LineId, News, Now, TaskId};

@@ -7,7 +7,7 @@ use super::promises::{Board, Boards, Kept, Key, Promise, Why};
 use super::state::State;
 use crate::Left;
 use crate::config::Place;
-use railbus_device::PointKind;
+use railbus_device::Point;
 use railbus_wire::Micros;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::ErrorKind;
@@ -367,16 +367,20 @@ impl State {
     }
 
     /// How long it is until anything is done to an output.
-    pub(crate) fn left(&self, place: &Place) -> Left {
-        if place.point.kind != PointKind::Output {
-            return Left::default();
+    pub(crate) fn left(&self, module: &str, point: Point) -> Left {
+        let is_here = |at: &Place| at.point == point && at.module == module;
+        let mut left = Left::default();
+        for ((_, why), due) in self.schedule.ends().filter(|((at, _), _)| is_here(at)) {
+            let first = match why {
+                Why::Pulse => &mut left.pulse,
+                Why::Lease => &mut left.lease,
+                Why::MaxOn => &mut left.max_on,
+                Why::OnReturn | Why::MinOff => continue,
+            };
+            let time = Duration::from_micros((due - self.now.site).0);
+            *first = Some(first.map_or(time, |first| first.min(time)));
         }
-        let due = |why| self.time_to(&(place.clone(), why));
-        Left {
-            pulse: due(Why::Pulse),
-            lease: due(Why::Lease),
-            max_on: due(Why::MaxOn),
-        }
+        left
     }
 
     /// Whether it is time for one; if so, it can't be put off any more.

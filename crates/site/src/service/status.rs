@@ -1,10 +1,10 @@
 //! The known state of the site.
 
 use super::Service;
-use crate::config::{ModuleConfig, Name, Place, PointConfig, Range};
+use crate::config::{ModuleConfig, Name, PointConfig, Range};
 use crate::core::State;
 use crate::{Config, Quality, Value};
-use railbus_device::{Point, PointKind, Setup};
+use railbus_device::{Point, Setup};
 use railbus_host::{Evidence, LineState, Presence};
 use railbus_wire::{Instant, Micros, Settings};
 use std::sync::Arc;
@@ -87,6 +87,19 @@ pub struct PointStatus {
     pub pulse: Option<Micros>,
 }
 
+/// What of a point is not said by the configuration. The fields are those of [`PointStatus`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[expect(missing_docs, reason = "they are those of `PointStatus`")]
+pub struct PointNow {
+    pub point: Point,
+    pub value: Option<Value>,
+    pub quality: Quality,
+    pub age: Option<Micros>,
+    pub time: Option<SystemTime>,
+    pub left: Left,
+    pub pulse: Option<Micros>,
+}
+
 /// How long it is until something is done to an output.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Left {
@@ -140,15 +153,25 @@ impl Service {
     /// The points of a module, outputs first; none where there is no such module.
     #[must_use]
     pub fn points(&self, module: &str) -> Vec<PointStatus> {
+        let (config, points) = self.points_now(module);
+        let described = config.modules.get(module).into_iter();
+        described
+            .flat_map(|described| {
+                let points = points.iter();
+                points.map(|now| PointStatus::of(&config, (module, described), *now))
+            })
+            .collect()
+    }
+
+    /// The same without what the configuration says of them, and the configuration.
+    #[must_use]
+    pub fn points_now(&self, module: &str) -> (Arc<Config>, Vec<PointNow>) {
         self.inner.read(|state| {
-            let now = state.line_time(module);
-            let Some(config) = state.site.config().modules.get(module) else {
-                return Vec::new();
-            };
-            let points = config.setup.points();
-            points
-                .map(|point| state.point(module, config, point, now))
-                .collect()
+            let config = Arc::clone(state.site.config());
+            let described = config.modules.get(module);
+            let points = described.map(|described| state.points_now(module, described));
+            let points = points.unwrap_or_default();
+            (config, points)
         })
     }
 
@@ -170,10 +193,13 @@ fn named(modules: &[String]) -> Vec<String> {
 impl State {
     /// A point, where there is one.
     pub(crate) fn point_of(&self, module: &str, point: Point) -> Option<PointStatus> {
-        let config = self.site.config().modules.get(module)?;
-        let now = self.line_time(module);
-        (point.index < config.setup.count(point.kind))
-            .then(|| self.point(module, config, point, now))
+        let described = self.site.config().modules.get(module)?;
+        if point.index >= described.setup.count(point.kind) {
+            return None;
+        }
+        let now = self.point_now((module, described), point, self.line_time(module));
+        let config = self.site.config();
+        Some(PointStatus::of(config, (module, described), now))
     }
 
     pub(crate) fn line(&self, name: &str) -> Option<LineStatus> {
@@ -218,38 +244,69 @@ impl State {
         })
     }
 
-    fn point(
+    fn points_now(&self, module: &str, described: &ModuleConfig) -> Vec<PointNow> {
+        let now = self.line_time(module);
+        let points = described.setup.points();
+        points
+            .map(|point| self.point_now((module, described), point, now))
+            .collect()
+    }
+
+    fn point_now(
         &self,
-        module: &str,
-        config: &ModuleConfig,
+        (module, described): (&str, &ModuleConfig),
         point: Point,
         now: Instant,
-    ) -> PointStatus {
+    ) -> PointNow {
         let (known, quality) = self.site.point(module, point, now);
-        let quality = self.line_fault(&config.line).map_or(quality, Quality::Bad);
-        let (letters, number) = config.setup.label(point);
-        let pulses = self.site.pulses(module);
-        let place = Place::new(module, point);
-        let safety = config.points.get(&point).map(|point| &point.safety);
-        let interlock = safety.into_iter().flat_map(|safety| &safety.interlock);
+        let fault = self.line_fault(&described.line);
+        let pulse = self.site.pulses(module).and_then(|pulses| pulses.of(point));
+        PointNow {
+            point,
+            value: known.map(|known| known.value),
+            quality: fault.map_or(quality, Quality::Bad),
+            age: known.map(|known| now.since(known.read)),
+            time: known.map(|known| known.time),
+            left: self.left(module, point),
+            pulse: pulse.map(|width| Micros::from_millis(u64::from(width.tenths()) * 100)),
+        }
+    }
+}
+
+impl PointStatus {
+    /// What is known of a point of this module, and what the configuration says of it.
+    #[must_use]
+    pub fn of(
+        config: &Config,
+        (module, described): (&str, &ModuleConfig),
+        now: PointNow,
+    ) -> PointStatus {
+        let PointNow {
+            point,
+            value,
+            quality,
+            age,
+            time,
+            left,
+            pulse,
+        } = now;
+        let (letters, number) = described.setup.label(point);
+        let own = described.points.get(&point).cloned().unwrap_or_default();
+        let interlock = own.safety.interlock.iter();
         PointStatus {
-            interlock: interlock
-                .map(|other| self.site.config().path(other))
-                .collect(),
-            left: self.left(&place),
+            interlock: interlock.map(|other| config.path(other)).collect(),
             module: module.to_owned(),
             point,
             label: format!("{letters}{number}"),
-            config: config.points.get(&point).cloned().unwrap_or_default(),
-            value: known.map(|known| known.value),
+            config: own,
+            value,
             quality,
-            age: known.map(|known| now.since(known.read)),
-            time: known.map(|known| known.time),
-            max_age: config.plan.enabled.then_some(config.plan.max_age),
-            range: (point.kind == PointKind::Analog).then(|| config.range_of(point).clone()),
-            pulse: pulses
-                .and_then(|pulses| pulses.of(point))
-                .map(|width| Micros::from_millis(u64::from(width.tenths()) * 100)),
+            age,
+            time,
+            max_age: described.max_age(),
+            range: described.range_shown(point).cloned(),
+            left,
+            pulse,
         }
     }
 }

@@ -130,6 +130,7 @@ const WITHOUT_RIGHTS: &[&str] = &[
     "origin",
     "point",
     "points",
+    "points_now",
     "pulses_ended",
     "read_fresh",
     "rules",

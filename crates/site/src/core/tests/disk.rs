@@ -1,7 +1,7 @@
 //! What is to be done later, on a disk that works and on one that does not.
 
 use super::super::*;
-use super::world::{World, at, bit, ms};
+use super::world::{World, at, bit, k, ms};
 use crate::Failure;
 
 const TEXT: &str = "[line.main]\nport = \"/dev/ttyS9\"\n\
@@ -117,7 +117,7 @@ fn a_pulse_that_falls_due_during_a_refused_takeover_ends() {
         if world.relays("oven") != 0 {
             stuck.push((
                 before,
-                world.state().left(&at("oven", 1)).pulse,
+                world.state().left("oven", k(1)).pulse,
                 world.disk.len(),
             ));
         }

@@ -2,7 +2,7 @@
 //! other, turns that are given back, ends that are put forward, a site that closes.
 
 use super::super::*;
-use super::world::{World, at, bit, ms, who_is};
+use super::world::{World, at, bit, k, ms, who_is};
 use crate::Failure;
 use railbus_host::Fault;
 
@@ -192,7 +192,7 @@ fn the_end_of_a_lease_that_was_not_seen_is_tried_again_at_once() {
     assert!(held.now().is_ok());
     world.only_acknowledged = true;
     world.weld("oven", bit(1));
-    let point = super::world::k(1);
+    let point = k(1);
     let ended =
         world.order(move |core| async move { core.end_lease(&who_is("li"), "oven", point).await });
     world.pass(ms(200));
@@ -228,7 +228,7 @@ fn no_pulse_begins_while_the_site_is_being_closed() {
         let acted = world.acted.iter().any(|acted| acted.module == "gate");
         closed += u8::from(is_closed && !acted);
         assert_eq!(world.relays("gate"), 0, "{after} ms");
-        assert_eq!(world.state().left(&at("gate", 1)), crate::Left::default());
+        assert_eq!(world.state().left("gate", k(1)), crate::Left::default());
     }
     assert!(closed > 10, "{closed} came while it was asked");
 }

@@ -1,7 +1,7 @@
 //! What becomes of outputs: pulses, leases, limits, policies, batches.
 
 use super::super::*;
-use super::world::{Faults, World, at, bit, ms, who_is};
+use super::world::{Faults, World, at, bit, k, ms, who_is};
 use crate::Failure;
 use railbus_host::Fault;
 
@@ -48,7 +48,7 @@ fn an_off_that_comes_just_after_a_pulse_is_its_end() {
         world.pass(ms(2_000));
         assert!(begun.now().is_ok() && off.now().is_ok());
         assert_eq!(world.relays("oven"), 0, "{after} ms");
-        assert_eq!(world.state().left(&at("oven", 1)), crate::Left::default());
+        assert_eq!(world.state().left("oven", k(1)), crate::Left::default());
         world.pass(ms(20_000));
         assert_eq!(world.relays("oven"), 0, "{after} ms");
     }
@@ -126,11 +126,8 @@ fn a_lease_lasts_as_long_as_that_is_said_again() {
     assert_eq!(world.acted.len(), 1, "it is switched once");
     world.pass(ms(1_000));
     assert_eq!(world.relays("oven"), 0);
-    let lost = world.order(|core| async move {
-        core.end_lease(&who_is("li"), "oven", super::world::k(1))
-            .await
-    });
-    assert_eq!(lost.now(), Err(Failure::NoLease(super::world::k(1))));
+    let lost = world.order(|core| async move { core.end_lease(&who_is("li"), "oven", k(1)).await });
+    assert_eq!(lost.now(), Err(Failure::NoLease(k(1))));
 }
 
 #[test]
@@ -163,10 +160,10 @@ fn a_command_that_was_never_sent_leaves_the_longest_time_as_it_runs() {
     for line in core.state(now).lines.values_mut() {
         line.id = None;
     }
-    let left = |world: &mut World, number| world.state().left(&at("oven", number)).max_on;
+    let left = |world: &mut World, number| world.state().left("oven", k(number)).max_on;
     let before = left(&mut world, 1);
     assert!(before.is_some());
-    let both = [(super::world::k(1), true), (super::world::k(2), true)];
+    let both = [(k(1), true), (k(2), true)];
     let refused = world.order(move |core| async move {
         let (who, terms) = (who_is("li"), WriteTerms::default());
         core.write(&who, "oven", &both, terms).await
@@ -399,7 +396,7 @@ fn what_may_be_commanded_is_asked_again_in_its_turn() {
         .reconfigure(Arc::new(config), |_| true, |_| false);
     world.pass(ms(1_000));
     assert!(first.get().is_some());
-    let asked = Failure::Confirm(super::world::k(1));
+    let asked = Failure::Confirm(k(1));
     assert_eq!(write.now(), Err(asked.clone()));
     assert_eq!(pulse.now(), Err(asked));
     assert_eq!(world.acted.len(), 1);
@@ -503,7 +500,7 @@ fn a_frame_that_nobody_answers_takes_nothing_over() {
     let begun = world.pulse("li", ("oven", 1), pulse(2_000));
     world.pass(ms(300));
     assert!(begun.now().is_ok());
-    let set = [(super::world::k(1), true)];
+    let set = [(k(1), true)];
     let terms = WriteTerms {
         silent: true,
         verify: false,

@@ -3,7 +3,7 @@
 use super::super::lines::WAITING_MAX;
 use super::super::reload::TURN_MAX;
 use super::super::*;
-use super::world::{End, World, at, bit, ms, who_is};
+use super::world::{End, World, bit, k, ms, who_is};
 use crate::rights::Who;
 use crate::{Failure, Reason, Rights, Role};
 use railbus_host::{Fault, LineState};
@@ -422,7 +422,7 @@ fn a_site_that_closes_during_a_reload_or_a_loan_opens_nothing_any_more() {
             ));
             let on = world.write("wang", ("kiln", 2), true);
             assert_eq!(on.now().map(drop), closed());
-            assert!(world.state().left(&at("oven", 1)) == crate::Left::default());
+            assert!(world.state().left("oven", k(1)) == crate::Left::default());
             let state = world.state().lines["main"].state.clone();
             let is_over = matches!(state, LineState::Closed | LineState::Absent(_));
             assert!(is_over, "{what} after {after} ms: {state:?}");

@@ -302,7 +302,7 @@ impl Soak {
         }
         let outputs = self.world.state().outputs().into_iter();
         for place in outputs.filter(|place| place.point.index < 6) {
-            let left = self.world.state().left(&place);
+            let left = self.world.state().left(&place.module, place.point);
             if !self.is_kept_off(&place) && left != crate::Left::default() {
                 return Err(format!("{place:?} is never released: {left:?}"));
             }
