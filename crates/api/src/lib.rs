@@ -23,5 +23,6 @@ pub mod sending;
 pub mod settings;
 pub mod sim;
 pub mod types;
+pub mod view;
 pub mod webhooks;
 pub mod words;

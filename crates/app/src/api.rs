@@ -7,6 +7,7 @@ pub mod convert;
 pub mod failures;
 pub mod models;
 pub mod past;
+pub mod print;
 pub mod rules;
 pub mod sending;
 pub mod settings;

@@ -13,7 +13,7 @@ use railbus_api::types::{
     CommandInfo, FrameEvent, Lines, Modules, OutputsRequest, OutputsWritten, PointInfo, Points,
     PulseRequest, Pulsed, SCHEMA, ToggleRequest, WatchEvent, WriteRequest, Written,
 };
-use railbus_app::api::ask;
+use railbus_app::api::{ask, print};
 use railbus_site::Service;
 
 /// The routes of this file.
@@ -117,10 +117,10 @@ async fn points(State(site): State<Site>, asked: Asked) -> Answer {
         Ok(selectors) => selectors,
         Err(problem) => return answer::problem(&problem),
     };
-    let points = match is_set(&asked, "fresh") {
-        true => ask::fresh_points(&site.service, &selectors).await,
-        false => Ok(ask::points(&site.service, &selectors)),
-    };
+    if !is_set(&asked, "fresh") {
+        return answer::text(Ok(print::points(&site.service, &selectors)));
+    }
+    let points = ask::fresh_points(&site.service, &selectors).await;
     let schema = SCHEMA;
     answer::json(points.map(|points| Points { schema, points }))
 }

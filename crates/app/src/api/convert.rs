@@ -9,7 +9,7 @@ use railbus_bus::Evidence;
 use railbus_device::PointKind;
 use railbus_host::{LineState, PortError, Presence, Probed, TapFrame};
 use railbus_site::config::{Confirm, Name};
-use railbus_site::{By, LineStatus, ModuleStatus, PointStatus, Service};
+use railbus_site::{By, Left, LineStatus, ModuleStatus, PointStatus, Service};
 use railbus_wire::{Instant, Micros};
 use railbus_words::time::rfc3339;
 use std::collections::BTreeMap;
@@ -108,37 +108,23 @@ pub fn module(service: &Service, status: ModuleStatus) -> ModuleInfo {
 pub fn point(status: PointStatus) -> PointInfo {
     let config = status.config;
     let safety = config.safety;
+    let (quality, reason) = quality(status.quality);
     PointInfo {
         path: format!("{}.{}", status.module, status.label),
         module: status.module,
         label: status.label,
-        kind: match status.point.kind {
-            PointKind::Output => Kind::Output,
-            PointKind::Input => Kind::Input,
-            PointKind::Analog => Kind::Analog,
-            PointKind::Variable => Kind::Variable,
-        },
+        kind: kind(status.point.kind),
         index: status.point.index,
         name: by_language(Name {
             en: config.name_en,
             zh: config.name_zh,
         }),
         value: status.value.map(value),
-        raw: match status.value {
-            Some(railbus_site::Value::Analog(_, register)) => Some(register),
-            _ => None,
-        },
+        raw: raw(status.value),
         unit: status.range.as_ref().map(|range| range.unit.clone()),
         decimals: status.range.as_ref().map(|range| range.decimals),
-        quality: match status.quality {
-            railbus_site::Quality::Good => Quality::Good,
-            railbus_site::Quality::Stale => Quality::Stale,
-            railbus_site::Quality::Bad(_) => Quality::Bad,
-        },
-        reason: match status.quality {
-            railbus_site::Quality::Bad(why) => Some(reason(why)),
-            _ => None,
-        },
+        quality,
+        reason,
         age_ms: status.age.map(millis),
         max_age_ms: status.max_age.map(millis),
         time: status.time.and_then(wall),
@@ -151,13 +137,42 @@ pub fn point(status: PointStatus) -> PointInfo {
         min_off_ms: safety.min_off.map(millis),
         on_until: status.left.max_on.and_then(from_now),
         pulse_until: status.left.pulse.and_then(from_now),
-        lease: status
-            .left
-            .lease
-            .and_then(from_now)
-            .map(|until| LeaseInfo { until }),
+        lease: lease(status.left),
         pulse_ms: status.pulse.map(millis),
     }
+}
+
+/// The kind of a point.
+pub(super) const fn kind(kind: PointKind) -> Kind {
+    match kind {
+        PointKind::Output => Kind::Output,
+        PointKind::Input => Kind::Input,
+        PointKind::Analog => Kind::Analog,
+        PointKind::Variable => Kind::Variable,
+    }
+}
+
+/// The register of an analog value.
+pub(super) const fn raw(value: Option<railbus_site::Value>) -> Option<u16> {
+    match value {
+        Some(railbus_site::Value::Analog(_, register)) => Some(register),
+        _ => None,
+    }
+}
+
+/// The quality of a value, and why it is bad.
+pub(super) const fn quality(quality: railbus_site::Quality) -> (Quality, Option<Reason>) {
+    match quality {
+        railbus_site::Quality::Good => (Quality::Good, None),
+        railbus_site::Quality::Stale => (Quality::Stale, None),
+        railbus_site::Quality::Bad(why) => (Quality::Bad, Some(reason(why))),
+    }
+}
+
+/// The lease of an output, where there is one.
+pub(super) fn lease(left: Left) -> Option<LeaseInfo> {
+    let until = left.lease.and_then(from_now)?;
+    Some(LeaseInfo { until })
 }
 
 /// The display name, by the languages in which there is one.
@@ -168,7 +183,7 @@ fn by_language(Name { en, zh }: Name) -> BTreeMap<String, String> {
 }
 
 /// A time by the clock on the wall.
-fn wall(time: SystemTime) -> Option<String> {
+pub(super) fn wall(time: SystemTime) -> Option<String> {
     Timestamp::try_from(time).ok().map(rfc3339)
 }
 
