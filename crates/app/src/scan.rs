@@ -1,6 +1,8 @@
 //! Parameters, driver and results of a scan, for the command line and the gateway.
 
-use railbus_commission::scan::{Answer, Found, Met, Question, Scanner, Step, Verdict};
+use railbus_commission::scan::{
+    Answer, FoundModule, ProbeOutcome, ScanProbe, ScanStep, Scanner, Verdict,
+};
 use railbus_device::{Family, Setup};
 use railbus_host::{Probe, ProbeResult};
 use railbus_wire::{Frame, Instant, Protocol};
@@ -35,17 +37,17 @@ pub async fn drive<S, F, P>(
     mut see: impl FnMut(&Scanner, Option<usize>) -> ControlFlow<S>,
 ) -> ScanEnd<S, F>
 where
-    P: Future<Output = Result<Met, F>>,
+    P: Future<Output = Result<ProbeOutcome, F>>,
 {
     let start = tokio::time::Instant::now();
     let now = || Instant(u64::try_from(start.elapsed().as_micros()).unwrap_or(u64::MAX));
     let mut stop = pin!(stop);
     loop {
         let (asks, found) = match scanner.next(now()) {
-            Step::Done if scanner.is_noisy() => return ScanEnd::Noise,
-            Step::Done => return ScanEnd::Complete,
-            Step::Found(index) => (None, Some(index)),
-            Step::Ask(asks) => (Some(asks), None),
+            ScanStep::Done if scanner.is_noisy() => return ScanEnd::Noise,
+            ScanStep::Done => return ScanEnd::Complete,
+            ScanStep::Found(index) => (None, Some(index)),
+            ScanStep::Ask(asks) => (Some(asks), None),
         };
         if let ControlFlow::Break(why) = see(scanner, found) {
             return ScanEnd::Stopped(why);
@@ -66,8 +68,8 @@ where
 
 /// The result of a line's probe, as a scan takes it.
 #[must_use]
-pub fn met(result: ProbeResult) -> Met {
-    Met {
+pub fn met(result: ProbeResult) -> ProbeOutcome {
+    ProbeOutcome {
         outcome: result.outcome,
         bytes: result.bytes,
         after: result.after,
@@ -111,13 +113,13 @@ pub fn ranges(addresses: &[u8]) -> String {
 }
 
 /// The models it could be, as named in the configuration.
-pub fn could_be(found: &Found) -> Vec<&'static str> {
+pub fn could_be(found: &FoundModule) -> Vec<&'static str> {
     let families = found.identity.could_be.iter();
     families.map(|family| family.name()).collect()
 }
 
 /// Its requests and responses.
-pub fn evidence(found: &Found) -> Vec<String> {
+pub fn evidence(found: &FoundModule) -> Vec<String> {
     let tried = |bytes: &Vec<u8>| question(found.asked, &(found.asked.ask, bytes.clone()));
     let garbled = found.garbled.iter().map(tried);
     let answers = found.answers.iter();
@@ -126,7 +128,7 @@ pub fn evidence(found: &Found) -> Vec<String> {
 }
 
 /// A request and its response.
-fn question(asked: Question, (ask, bytes): &Answer) -> String {
+fn question(asked: ScanProbe, (ask, bytes): &Answer) -> String {
     let mut frame = Frame::new();
     if let Some(exchange) = asked.with(*ask).exchange() {
         exchange.encode(&mut frame);
@@ -141,7 +143,7 @@ fn question(asked: Question, (ask, bytes): &Answer) -> String {
 
 /// Its entry in the configuration. If it could be several models, it is the one the user names, if
 /// that is among them.
-pub fn setup(found: &Found, model: Option<Family>) -> Option<Setup> {
+pub fn setup(found: &FoundModule, model: Option<Family>) -> Option<Setup> {
     let identity = &found.identity;
     let family = match found.verdict() {
         Verdict::Ok => identity.family,
@@ -161,7 +163,7 @@ pub fn setup(found: &Found, model: Option<Family>) -> Option<Setup> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use railbus_commission::scan::{Scope, Wish};
+    use railbus_commission::scan::{ScanOptions, Scope};
     use railbus_host::Probed;
     use railbus_wire::Micros;
     use std::future::pending;
@@ -181,13 +183,13 @@ mod tests {
     }
 
     /// A scan of four addresses, which ends when `stop` does; how often a request was made.
-    async fn scanned<P: Future<Output = Result<Met, &'static str>>>(
+    async fn scanned<P: Future<Output = Result<ProbeOutcome, &'static str>>>(
         probe: impl Fn(Probe) -> P,
         stop: impl Future<Output = &'static str>,
     ) -> (ScanEnd<&'static str, &'static str>, usize) {
-        let wish = Wish {
+        let wish = ScanOptions {
             addresses: Some(vec![1, 2, 3, 4]),
-            ..Wish::default()
+            ..ScanOptions::default()
         };
         let mut scanner = Scanner::new(Scope::of(&wish, Vec::new()));
         let mut asked = 0;
@@ -199,9 +201,9 @@ mod tests {
         (end, asked)
     }
 
-    async fn silence() -> Result<Met, &'static str> {
+    async fn silence() -> Result<ProbeOutcome, &'static str> {
         tokio::time::sleep(Duration::from_millis(30)).await;
-        Ok(Met {
+        Ok(ProbeOutcome {
             outcome: Probed::Silent,
             bytes: Vec::new(),
             after: Micros::ZERO,

@@ -20,12 +20,12 @@ mod planner;
 mod reach;
 mod scope;
 
-pub use ask::{Ask, Question, SLOW_TIMEOUT};
-pub use found::{Detail, Found, Verdict};
+pub use ask::{ProbeKind, SLOW_TIMEOUT, ScanProbe};
+pub use found::{Detail, FoundModule, Verdict};
 pub use identify::{Answer, Identity};
 pub use planner::Scanner;
-pub use reach::{LeftOut, Place, Progress, ScanCounts};
-pub use scope::{Depth, Known, Run, SPEEDS, Scope, Wish};
+pub use reach::{LeftOut, ScanCounts, ScanPosition, ScanProgress};
+pub use scope::{Depth, Known, Run, SPEEDS, ScanOptions, Scope};
 
 use railbus_bus::LateReply;
 use railbus_bus::{Probe, Probed};
@@ -33,7 +33,7 @@ use railbus_wire::Micros;
 
 /// The driver's next action.
 #[derive(Clone, Copy, Debug)]
-pub enum Step {
+pub enum ScanStep {
     /// Put this on the line, and report the result with [`Scanner::met`].
     Ask(Probe),
     /// A module was found, or more is known about it: the one with this index in
@@ -45,7 +45,7 @@ pub enum Step {
 
 /// The result of a probe.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Met {
+pub struct ProbeOutcome {
     /// Its kind.
     pub outcome: Probed,
     /// The bytes received, without the echo.

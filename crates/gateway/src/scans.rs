@@ -16,7 +16,9 @@ use railbus_api::ops::{
 use railbus_api::problem::{Problem, codes};
 use railbus_app::api::{ask, convert, failures};
 use railbus_app::scan::{ScanEnd, addresses, could_be, drive, evidence, met, ranges, setup};
-use railbus_commission::scan::{Depth, Found, Known, LeftOut, Progress, Scanner, Scope, Wish};
+use railbus_commission::scan::{
+    Depth, FoundModule, Known, LeftOut, ScanOptions, ScanProgress, Scanner, Scope,
+};
 use railbus_device::Setup;
 use railbus_host::{LineName, LineState, Probe};
 use railbus_site::config::add::free_name;
@@ -105,7 +107,7 @@ fn scope(service: &Service, line: &str, wanted: &ScanRequest) -> Result<Scope, P
     Ok(scope)
 }
 
-fn wish(wanted: &ScanRequest, line: &LineStatus) -> Result<Wish, Problem> {
+fn wish(wanted: &ScanRequest, line: &LineStatus) -> Result<ScanOptions, Problem> {
     let wrong = |what: &str| Problem::new(codes::BAD_REQUEST).with("reason", what.to_owned());
     let protocol = |name: &String| {
         let found = Protocol::ALL.into_iter().find(|p| p.name() == name);
@@ -115,7 +117,7 @@ fn wish(wanted: &ScanRequest, line: &LineStatus) -> Result<Wish, Problem> {
     let named = wanted.addresses.as_deref().map(addresses).transpose();
     let protocols = wanted.protocols.as_ref();
     let bauds = wanted.bauds.as_ref();
-    Ok(Wish {
+    Ok(ScanOptions {
         depth: match wanted.depth {
             ScanDepth::Quick => Depth::Quick,
             ScanDepth::Full => Depth::Full,
@@ -181,7 +183,7 @@ struct Part {
 impl Part {
     fn of(line: &str, scanner: &Scanner) -> Part {
         let found = scanner.found().iter();
-        let told = |found: &Found| (module(line, found), found.is_conflict());
+        let told = |found: &FoundModule| (module(line, found), found.is_conflict());
         let mut part = Part {
             found: found.clone().map(told).collect(),
             setups: found.map(|found| setup(found, None)).collect(),
@@ -191,7 +193,7 @@ impl Part {
         part
     }
 
-    fn reached(&mut self, progress: Progress) {
+    fn reached(&mut self, progress: ScanProgress) {
         let count = |number: usize| u64::try_from(number).unwrap_or(u64::MAX);
         (self.done, self.total) = (count(progress.done), count(progress.total));
         self.left = progress.left;
@@ -212,7 +214,7 @@ impl Part {
     }
 }
 
-fn module(line: &str, found: &Found) -> ScanModule {
+fn module(line: &str, found: &FoundModule) -> ScanModule {
     let settings = found.asked.settings;
     let family = found.identity.family;
     let title = found.identity.model.clone();
@@ -278,7 +280,7 @@ impl Run {
     }
 
     /// Updates the progress of a line.
-    fn progress(&self, index: usize, progress: Progress) {
+    fn progress(&self, index: usize, progress: ScanProgress) {
         let mut parts = self.parts.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(part) = parts.get_mut(index) {
             part.reached(progress);

@@ -30,7 +30,7 @@ const GAP: Micros = Micros::from_millis(5);
 
 /// A kind of request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Ask {
+pub enum ProbeKind {
     /// To all 0x55 boards: report your address. Only if there is at most one.
     R55Address,
     /// The state of a 0x55 board [R55 §2.2].
@@ -68,37 +68,37 @@ pub enum Ask {
     AsciiFirmware(bool),
 }
 
-impl Ask {
+impl ProbeKind {
     /// All of them.
-    pub const ALL: [Ask; 19] = [
-        Ask::R55Address,
-        Ask::R55State,
-        Ask::Lc02Config,
-        Ask::AsciiName(false),
-        Ask::AsciiName(true),
-        Ask::Coils0,
-        Ask::NineCoils,
-        Ask::Registers4,
-        Ask::Registers8,
-        Ask::NineRegisters,
-        Ask::Coils60,
-        Ask::NineCoils60,
-        Ask::Input,
-        Ask::Coils8,
-        Ask::Coil10,
-        Ask::Identification,
-        Ask::Diagnosis,
-        Ask::AsciiFirmware(false),
-        Ask::AsciiFirmware(true),
+    pub const ALL: [ProbeKind; 19] = [
+        ProbeKind::R55Address,
+        ProbeKind::R55State,
+        ProbeKind::Lc02Config,
+        ProbeKind::AsciiName(false),
+        ProbeKind::AsciiName(true),
+        ProbeKind::Coils0,
+        ProbeKind::NineCoils,
+        ProbeKind::Registers4,
+        ProbeKind::Registers8,
+        ProbeKind::NineRegisters,
+        ProbeKind::Coils60,
+        ProbeKind::NineCoils60,
+        ProbeKind::Input,
+        ProbeKind::Coils8,
+        ProbeKind::Coil10,
+        ProbeKind::Identification,
+        ProbeKind::Diagnosis,
+        ProbeKind::AsciiFirmware(false),
+        ProbeKind::AsciiFirmware(true),
     ];
 
     /// Its protocol.
     #[must_use]
     pub const fn protocol(self) -> Protocol {
         match self {
-            Ask::R55Address | Ask::R55State => Protocol::R55,
-            Ask::Lc02Config => Protocol::Lc02,
-            Ask::AsciiName(_) | Ask::AsciiFirmware(_) => Protocol::Ascii,
+            ProbeKind::R55Address | ProbeKind::R55State => Protocol::R55,
+            ProbeKind::Lc02Config => Protocol::Lc02,
+            ProbeKind::AsciiName(_) | ProbeKind::AsciiFirmware(_) => Protocol::Ascii,
             _ => Protocol::Rtu,
         }
     }
@@ -107,46 +107,46 @@ impl Ask {
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
-            Ask::R55Address => "r55_address",
-            Ask::R55State => "r55_state",
-            Ask::Lc02Config => "lc02_config",
-            Ask::AsciiName(false) => "ascii_name",
-            Ask::AsciiName(true) => "ascii_name_checksum",
-            Ask::Coils0 => "coils_0",
-            Ask::NineCoils => "coils_0_9",
-            Ask::Registers4 => "registers_4",
-            Ask::Registers8 => "registers_8",
-            Ask::NineRegisters => "registers_9",
-            Ask::Coils60 => "coils_60",
-            Ask::NineCoils60 => "coils_60_9",
-            Ask::Input => "input_0",
-            Ask::Coils8 => "coils_8",
-            Ask::Coil10 => "coil_10",
-            Ask::Identification => "identification",
-            Ask::Diagnosis => "diagnosis",
-            Ask::AsciiFirmware(false) => "ascii_firmware",
-            Ask::AsciiFirmware(true) => "ascii_firmware_checksum",
+            ProbeKind::R55Address => "r55_address",
+            ProbeKind::R55State => "r55_state",
+            ProbeKind::Lc02Config => "lc02_config",
+            ProbeKind::AsciiName(false) => "ascii_name",
+            ProbeKind::AsciiName(true) => "ascii_name_checksum",
+            ProbeKind::Coils0 => "coils_0",
+            ProbeKind::NineCoils => "coils_0_9",
+            ProbeKind::Registers4 => "registers_4",
+            ProbeKind::Registers8 => "registers_8",
+            ProbeKind::NineRegisters => "registers_9",
+            ProbeKind::Coils60 => "coils_60",
+            ProbeKind::NineCoils60 => "coils_60_9",
+            ProbeKind::Input => "input_0",
+            ProbeKind::Coils8 => "coils_8",
+            ProbeKind::Coil10 => "coil_10",
+            ProbeKind::Identification => "identification",
+            ProbeKind::Diagnosis => "diagnosis",
+            ProbeKind::AsciiFirmware(false) => "ascii_firmware",
+            ProbeKind::AsciiFirmware(true) => "ascii_firmware_checksum",
         }
     }
 
     /// The request of that name.
     #[must_use]
-    pub fn from_name(name: &str) -> Option<Ask> {
-        Ask::ALL.into_iter().find(|ask| ask.name() == name)
+    pub fn from_name(name: &str) -> Option<ProbeKind> {
+        ProbeKind::ALL.into_iter().find(|ask| ask.name() == name)
     }
 
     /// Whether it only identifies the module: nothing depends on the reply.
     pub(super) const fn is_description(self) -> bool {
         matches!(
             self,
-            Ask::Identification | Ask::Diagnosis | Ask::AsciiFirmware(_)
+            ProbeKind::Identification | ProbeKind::Diagnosis | ProbeKind::AsciiFirmware(_)
         )
     }
 
     /// The alternative if the frame must not be sent.
-    const fn instead(self) -> Option<Ask> {
+    const fn instead(self) -> Option<ProbeKind> {
         match self {
-            Ask::Coils0 => Some(Ask::Registers4),
+            ProbeKind::Coils0 => Some(ProbeKind::Registers4),
             _ => None,
         }
     }
@@ -159,38 +159,38 @@ impl Ask {
             Some(rtu::Request::ReadHoldingRegisters(span))
         };
         match self {
-            Ask::Coils0 => coils(0, 8),
-            Ask::NineCoils => coils(0, 9),
-            Ask::Coils60 => coils(60, 8),
-            Ask::NineCoils60 => coils(60, 9),
-            Ask::Coils8 => coils(8, 2),
-            Ask::Coil10 => coils(10, 1),
-            Ask::Input => rtu::BitSpan::new(0, 1).map(rtu::Request::ReadDiscreteInputs),
-            Ask::Registers4 => registers(4),
-            Ask::Registers8 => registers(8),
-            Ask::NineRegisters => registers(9),
-            Ask::Identification => Some(rtu::Request::Identify { code: 1, object: 0 }),
-            Ask::Diagnosis => Some(rtu::Request::Diagnose {
+            ProbeKind::Coils0 => coils(0, 8),
+            ProbeKind::NineCoils => coils(0, 9),
+            ProbeKind::Coils60 => coils(60, 8),
+            ProbeKind::NineCoils60 => coils(60, 9),
+            ProbeKind::Coils8 => coils(8, 2),
+            ProbeKind::Coil10 => coils(10, 1),
+            ProbeKind::Input => rtu::BitSpan::new(0, 1).map(rtu::Request::ReadDiscreteInputs),
+            ProbeKind::Registers4 => registers(4),
+            ProbeKind::Registers8 => registers(8),
+            ProbeKind::NineRegisters => registers(9),
+            ProbeKind::Identification => Some(rtu::Request::Identify { code: 1, object: 0 }),
+            ProbeKind::Diagnosis => Some(rtu::Request::Diagnose {
                 sub: rtu::diagnosis::REGISTER,
                 data: 0,
             }),
-            Ask::R55Address
-            | Ask::R55State
-            | Ask::Lc02Config
-            | Ask::AsciiName(_)
-            | Ask::AsciiFirmware(_) => None,
+            ProbeKind::R55Address
+            | ProbeKind::R55State
+            | ProbeKind::Lc02Config
+            | ProbeKind::AsciiName(_)
+            | ProbeKind::AsciiFirmware(_) => None,
         }
     }
 
     /// The request that tests for this sign; `None` if a scan does not send it.
-    pub(super) fn of(sign: &Sign) -> Option<Ask> {
-        let mut all = Ask::ALL.into_iter();
+    pub(super) fn of(sign: &Sign) -> Option<ProbeKind> {
+        let mut all = ProbeKind::ALL.into_iter();
         all.find(|ask| ask.modbus() == Some(sign.request))
     }
 
     /// The longest gap that a family needs which this request helps to identify.
     fn gap_of_families(self) -> Option<Micros> {
-        let asks = |sign: Sign| Ask::of(&sign) == Some(self);
+        let asks = |sign: Sign| ProbeKind::of(&sign) == Some(self);
         let families = Family::ALL.into_iter();
         let families = families.filter(|family| family.signs().any(asks));
         families.filter_map(|family| family.profile().gap).max()
@@ -201,13 +201,13 @@ impl Ask {
     fn exchange(self, address: Address) -> Option<Exchange<'static>> {
         let all = address == r55::BROADCAST;
         match self {
-            Ask::R55Address => all.then(|| Exchange::r55(address, r55::Request::ReadAddress)),
-            Ask::R55State => (!all).then(|| Exchange::r55(address, r55::Request::ReadState)),
-            Ask::Lc02Config => Some(Exchange::lc02(address, lc02::Request::ReadConfig)),
-            Ask::AsciiName(checksum) => {
+            ProbeKind::R55Address => all.then(|| Exchange::r55(address, r55::Request::ReadAddress)),
+            ProbeKind::R55State => (!all).then(|| Exchange::r55(address, r55::Request::ReadState)),
+            ProbeKind::Lc02Config => Some(Exchange::lc02(address, lc02::Request::ReadConfig)),
+            ProbeKind::AsciiName(checksum) => {
                 Some(Exchange::ascii(address, checksum, ascii::Request::ReadName))
             }
-            Ask::AsciiFirmware(checksum) => {
+            ProbeKind::AsciiFirmware(checksum) => {
                 let request = ascii::Request::ReadFirmware;
                 Some(Exchange::ascii(address, checksum, request))
             }
@@ -220,16 +220,16 @@ impl Ask {
 
 /// A request to one address, at one speed and character format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Question {
+pub struct ScanProbe {
     /// Speed and character format.
     pub settings: Settings,
     /// The kind of request.
-    pub ask: Ask,
+    pub ask: ProbeKind,
     /// The address.
     pub address: Address,
 }
 
-impl Question {
+impl ScanProbe {
     /// The exchange; `None` if there is none for this address.
     #[must_use]
     pub fn exchange(&self) -> Option<Exchange<'static>> {
@@ -238,8 +238,8 @@ impl Question {
 
     /// Another request to the same module.
     #[must_use]
-    pub fn with(self, ask: Ask) -> Question {
-        Question { ask, ..self }
+    pub fn with(self, ask: ProbeKind) -> ScanProbe {
+        ScanProbe { ask, ..self }
     }
 
     /// The bytes sent, including a lone CR before ASCII frames; `None` if there is no such request.
@@ -257,7 +257,7 @@ impl Question {
     /// The request, or an alternative if a module of another protocol could take its frame for a
     /// command, or the end of the frame `before` it together with its beginning; `None` if there is
     /// no alternative.
-    pub(super) fn safe(self, before: &[u8]) -> Option<Question> {
+    pub(super) fn safe(self, before: &[u8]) -> Option<ScanProbe> {
         let frame = self.frame()?;
         let bytes = frame.bytes();
         let foreign = foreign_command(bytes, self.ask.protocol(), Protocol::ALL);
@@ -275,14 +275,18 @@ impl Question {
     /// The gap before it.
     fn gap(&self) -> Micros {
         let slow = SLOW_ADDRESSES.contains(&self.address.0);
-        if let Ask::Registers8 | Ask::NineRegisters | Ask::Coils8 | Ask::Coil10 = self.ask {
+        if let ProbeKind::Registers8
+        | ProbeKind::NineRegisters
+        | ProbeKind::Coils8
+        | ProbeKind::Coil10 = self.ask
+        {
             // A module that gets this request has proved to be none of those that need more.
             let gap = self.ask.gap_of_families().unwrap_or(SLOW_GAP);
             return gap.max(self.settings.t3_5());
         }
         match self.ask.protocol() {
             // Nine coils are requested only from modules that answered eight, which neither does.
-            Protocol::Rtu if slow && self.ask != Ask::NineCoils => {
+            Protocol::Rtu if slow && self.ask != ProbeKind::NineCoils => {
                 SLOW_GAP.max(self.settings.t3_5())
             }
             Protocol::Rtu => GAP.max(self.settings.t3_5()),
@@ -295,7 +299,7 @@ impl Question {
     pub(super) fn silence(&self, usual: Micros) -> Micros {
         let slower = self.settings.t3_5() - Settings::FACTORY.t3_5();
         match self.ask {
-            Ask::Registers4 => usual + SECOND_LOOK + slower,
+            ProbeKind::Registers4 => usual + SECOND_LOOK + slower,
             _ if self.ask.protocol() == Protocol::Rtu => usual + slower,
             _ => usual,
         }
@@ -379,11 +383,11 @@ mod tests {
     use railbus_wire::Baud;
 
     /// Every request that a scan may send; neither speed nor format change its bytes.
-    fn all() -> Vec<(Question, Frame)> {
-        let asks = Ask::ALL.into_iter();
+    fn all() -> Vec<(ScanProbe, Frame)> {
+        let asks = ProbeKind::ALL.into_iter();
         let questions = asks.flat_map(|ask| (0..=255).map(move |address| (ask, address)));
         let questions = questions.filter_map(|(ask, address)| {
-            let question = Question {
+            let question = ScanProbe {
                 settings: Settings::FACTORY,
                 ask,
                 address: Address(address),
@@ -446,7 +450,7 @@ mod tests {
         }
         // It happens to be a write of a 0x55 board's address: 55 6F 41 03 00 00 00 08.
         assert!(
-            made.contains(&(Ask::Registers4, 199, Ask::Registers8, 65)),
+            made.contains(&(ProbeKind::Registers4, 199, ProbeKind::Registers8, 65)),
             "{made:?}"
         );
         assert!(made.len() < 20 && pairs > 100_000, "{pairs} {made:?}");
@@ -456,12 +460,12 @@ mod tests {
 
     #[test]
     fn a_question_that_is_a_command_elsewhere_is_asked_otherwise() {
-        let question = |ask, address| Question {
+        let question = |ask, address| ScanProbe {
             settings: Settings::FACTORY,
             ask,
             address: Address(address),
         };
-        for ask in Ask::ALL {
+        for ask in ProbeKind::ALL {
             for address in 0..=255 {
                 let asked = question(ask, address);
                 let Some(frame) = asked.frame() else { continue };
@@ -475,14 +479,16 @@ mod tests {
     #[test]
     fn the_slow_timeout_is_patient_at_all_speeds_of_a_deep_scan() {
         let speeds = [Baud::B2400, Baud::B4800, Baud::B9600, Baud::B38400];
-        let all = Ask::ALL.into_iter().filter(|ask| !ask.is_description());
+        let all = ProbeKind::ALL
+            .into_iter()
+            .filter(|ask| !ask.is_description());
         for (ask, baud) in all.flat_map(|ask| speeds.map(|baud| (ask, baud))) {
             let settings = Settings {
                 baud,
                 ..Settings::FACTORY
             };
             let address = Address(1);
-            let asked = Question {
+            let asked = ScanProbe {
                 settings,
                 ask,
                 address,
@@ -497,15 +503,15 @@ mod tests {
         let gap = |ask, address| {
             let settings = Settings::FACTORY;
             let address = Address(address);
-            let asked = Question {
+            let asked = ScanProbe {
                 settings,
                 ask,
                 address,
             };
             asked.gap()
         };
-        assert_eq!(gap(Ask::Coils0, 32), SLOW_GAP);
-        assert_eq!(gap(Ask::Coils0, 33), GAP);
-        assert_eq!(gap(Ask::R55State, 32), GAP);
+        assert_eq!(gap(ProbeKind::Coils0, 32), SLOW_GAP);
+        assert_eq!(gap(ProbeKind::Coils0, 33), GAP);
+        assert_eq!(gap(ProbeKind::R55State, 32), GAP);
     }
 }

@@ -1,8 +1,8 @@
 //! One module under inspection: it has answered, and is sent requests until it is identified.
 
-use super::ask::{Ask, PATIENCE, Question};
+use super::ask::{PATIENCE, ProbeKind, ScanProbe};
 use super::identify::{Answer, follow_up, is_certain};
-use super::{Found, Met};
+use super::{FoundModule, ProbeOutcome};
 use railbus_bus::Probed;
 use railbus_wire::{Instant, Micros};
 
@@ -18,19 +18,19 @@ const AFTER_SILENCE: Micros = Micros::from_millis(500);
 #[derive(Clone, Debug)]
 pub(super) struct Case {
     /// The request by which it was found.
-    pub(super) asked: Question,
+    pub(super) asked: ScanProbe,
     /// The next request.
-    pub(super) next: Ask,
+    pub(super) next: ProbeKind,
     /// When that may be sent without waiting for the line.
     pub(super) ready_at: Instant,
     /// Earlier requests to modules whose late replies may have disturbed its own.
-    pub(super) suspects: Vec<Question>,
+    pub(super) suspects: Vec<ScanProbe>,
     answers: Vec<Answer>,
     garbled: Vec<Vec<u8>>,
     /// How often the first request was not answered.
     vain: usize,
     /// Requests without a reply, and since when: each counts only when it is confirmed.
-    unsure: Vec<(Ask, Instant)>,
+    unsure: Vec<(ProbeKind, Instant)>,
     /// The current request was not answered before.
     asks_again: bool,
     rtt: Micros,
@@ -42,18 +42,18 @@ pub(super) enum Turn {
     /// More requests are needed.
     Open(Case),
     /// The module is identified.
-    Found(Found, Vec<Question>),
+    Found(FoundModule, Vec<ScanProbe>),
     /// There is no module. The reply was another one's.
-    Nobody(Vec<Question>),
+    Nobody(Vec<ScanProbe>),
 }
 
 impl Case {
     /// A module answered for the first time, validly or not.
     pub(super) fn open(
         now: Instant,
-        asked: Question,
-        met: Met,
-        suspects: impl Iterator<Item = Question>,
+        asked: ScanProbe,
+        met: ProbeOutcome,
+        suspects: impl Iterator<Item = ScanProbe>,
     ) -> Turn {
         let mut case = Case {
             asked,
@@ -74,7 +74,7 @@ impl Case {
     }
 
     /// The next request.
-    pub(super) fn question(&self) -> Question {
+    pub(super) fn question(&self) -> ScanProbe {
         self.asked.with(self.next)
     }
 
@@ -88,7 +88,7 @@ impl Case {
     }
 
     /// Continues with its response.
-    pub(super) fn met(mut self, now: Instant, met: Met) -> Turn {
+    pub(super) fn met(mut self, now: Instant, met: ProbeOutcome) -> Turn {
         match met.outcome {
             Probed::Unsafe => self.unasked(),
             Probed::Answered => {
@@ -110,7 +110,7 @@ impl Case {
     }
 
     /// The first request was not answered.
-    fn vainly(mut self, now: Instant, met: Met) -> Turn {
+    fn vainly(mut self, now: Instant, met: ProbeOutcome) -> Turn {
         if met.outcome == Probed::Garbled {
             self.garbled.push(met.bytes);
         }
@@ -170,7 +170,7 @@ impl Case {
     }
 
     fn found(self) -> Turn {
-        let found = Found::of(self.asked, self.answers, self.garbled, self.rtt);
+        let found = FoundModule::of(self.asked, self.answers, self.garbled, self.rtt);
         // Garbled every time is not caused by another module.
         let suspects = match found.answers.is_empty() {
             true => Vec::new(),
@@ -179,7 +179,7 @@ impl Case {
         Turn::Found(found, suspects)
     }
 
-    fn with_itself(mut self) -> Vec<Question> {
+    fn with_itself(mut self) -> Vec<ScanProbe> {
         self.suspects.push(self.asked);
         self.suspects
     }

@@ -1,6 +1,6 @@
 //! A module that was found, and what its replies mean.
 
-use super::ask::{Ask, PATIENCE, Question};
+use super::ask::{PATIENCE, ProbeKind, ScanProbe};
 use super::identify::{
     Answer, Identity, describe, description, identify, rules_out, state, version,
 };
@@ -62,9 +62,9 @@ pub enum Detail {
 
 /// A module that was found.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Found {
+pub struct FoundModule {
     /// The request by which it was found.
-    pub asked: Question,
+    pub asked: ScanProbe,
     /// What it is.
     pub identity: Identity,
     /// From the end of the request to the beginning of its reply.
@@ -81,11 +81,16 @@ pub struct Found {
     pub differs: bool,
 }
 
-impl Found {
+impl FoundModule {
     /// The verdict from these responses.
     #[must_use]
-    pub fn of(asked: Question, answers: Vec<Answer>, garbled: Vec<Vec<u8>>, rtt: Micros) -> Found {
-        Found {
+    pub fn of(
+        asked: ScanProbe,
+        answers: Vec<Answer>,
+        garbled: Vec<Vec<u8>>,
+        rtt: Micros,
+    ) -> FoundModule {
+        FoundModule {
             identity: identify(asked, &answers),
             asked,
             rtt,
@@ -107,7 +112,7 @@ impl Found {
     #[must_use]
     pub const fn checksum(&self) -> Option<bool> {
         match self.asked.ask {
-            Ask::AsciiName(checksum) => Some(checksum),
+            ProbeKind::AsciiName(checksum) => Some(checksum),
             _ => None,
         }
     }
@@ -138,14 +143,14 @@ impl Found {
     }
 
     /// The next request for its identification, and the timeout.
-    pub(super) fn to_describe(&self) -> Option<(Question, Micros)> {
+    pub(super) fn to_describe(&self) -> Option<(ScanProbe, Micros)> {
         let ask = describe(self.asked, &self.answers).filter(|_| !self.is_conflict())?;
         let patience = self.rtt * 2 + Micros::from_millis(30);
         Some((self.asked.with(ask), patience.min(PATIENCE)))
     }
 
     /// Its response to that; empty if it was silent. Returns whether more is known about it now.
-    pub(super) fn described(&mut self, ask: Ask, bytes: Vec<u8>) -> bool {
+    pub(super) fn described(&mut self, ask: ProbeKind, bytes: Vec<u8>) -> bool {
         self.answers.push((ask, bytes));
         self.description().is_some()
     }
@@ -192,7 +197,7 @@ impl Found {
 
     /// Whether it is the module that answers this request, too. Not every port supports parity, and
     /// a module has only one.
-    pub(super) fn answers_to(&self, question: &Question) -> bool {
+    pub(super) fn answers_to(&self, question: &ScanProbe) -> bool {
         self.asked.settings.baud == question.settings.baud
             && self.asked.address == question.address
             && self.protocol() == question.ask.protocol()

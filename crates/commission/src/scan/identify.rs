@@ -1,11 +1,11 @@
 //! Identifies a module by its responses. The signs of each family are data of its datasheet.
 
-use super::ask::{Ask, Question};
+use super::ask::{ProbeKind, ScanProbe};
 use railbus_device::{Family, ReadOutcome, Sign};
 use railbus_wire::{Address, Protocol, Response, ascii, lc02, rtu};
 
 /// A request and the response bytes; empty if there was no reply.
-pub type Answer = (Ask, Vec<u8>);
+pub type Answer = (ProbeKind, Vec<u8>);
 
 /// The identity of a module.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -45,12 +45,12 @@ enum Case {
 
 /// The next request to identify a module that has answered; `None` if it is identified, or can't
 /// be.
-pub(super) fn follow_up(asked: Question, answers: &[Answer]) -> Option<Ask> {
+pub(super) fn follow_up(asked: ScanProbe, answers: &[Answer]) -> Option<ProbeKind> {
     if asked.ask.protocol() != Protocol::Rtu || says_so(asked, answers).is_some() {
         return None;
     }
     let unasked = |sign: Sign| {
-        let ask = Ask::of(&sign)?;
+        let ask = ProbeKind::of(&sign)?;
         (!answers.iter().any(|(known, _)| *known == ask)).then_some(ask)
     };
     let open = |family: &Family| case(asked, answers, *family) != Case::RuledOut;
@@ -59,10 +59,10 @@ pub(super) fn follow_up(asked: Question, answers: &[Answer]) -> Option<Ask> {
 }
 
 /// Whether an unanswered request need not be repeated.
-pub(super) fn is_certain(asked: Question, answers: &[Answer], ask: Ask) -> bool {
+pub(super) fn is_certain(asked: ScanProbe, answers: &[Answer], ask: ProbeKind) -> bool {
     // An EDA9060A has more coils than an EDA9050: it is not one, with or without registers.
-    let nine = took(asked.with(Ask::NineCoils), answers);
-    ask == Ask::Registers4 && nine == Some(Took::Silent)
+    let nine = took(asked.with(ProbeKind::NineCoils), answers);
+    ask == ProbeKind::Registers4 && nine == Some(Took::Silent)
 }
 
 /// The families that do not identify themselves over Modbus, those with refusals first.
@@ -74,14 +74,14 @@ fn unnamed() -> impl Iterator<Item = Family> {
     proven.chain(others.filter(move |family| !refuses(family) && !named(family)))
 }
 
-fn case(asked: Question, answers: &[Answer], family: Family) -> Case {
+fn case(asked: ScanProbe, answers: &[Answer], family: Family) -> Case {
     let (low, high) = family.profile().addresses;
     if !(low..=high).contains(&asked.address.0) {
         return Case::RuledOut;
     }
     let (mut all, mut refuses, mut speaks) = (true, false, false);
     for sign in family.signs() {
-        let answer = Ask::of(&sign).and_then(|ask| shown(asked.with(ask), answers, &sign));
+        let answer = ProbeKind::of(&sign).and_then(|ask| shown(asked.with(ask), answers, &sign));
         match answer {
             Some(false) => return Case::RuledOut,
             Some(true) => {
@@ -99,7 +99,7 @@ fn case(asked: Question, answers: &[Answer], family: Family) -> Case {
 }
 
 /// Whether a sign was shown; `None` if it was not tested, or the result is unclear.
-fn shown(asked: Question, answers: &[Answer], sign: &Sign) -> Option<bool> {
+fn shown(asked: ScanProbe, answers: &[Answer], sign: &Sign) -> Option<bool> {
     let (_, bytes) = answers.iter().find(|(ask, _)| *ask == asked.ask)?;
     let exchange = asked.exchange()?;
     let reply = exchange.find_response(bytes).1.whole();
@@ -108,12 +108,12 @@ fn shown(asked: Question, answers: &[Answer], sign: &Sign) -> Option<bool> {
 }
 
 /// Whether the responses rule this family out.
-pub(super) fn rules_out(asked: Question, answers: &[Answer], family: Family) -> bool {
+pub(super) fn rules_out(asked: ScanProbe, answers: &[Answer], family: Family) -> bool {
     let is = identify(asked, answers).family;
     match asked.ask.protocol() {
         _ if is.is_some() => is != Some(family),
         Protocol::Rtu if family.datasheet().says_model_in_registers() => {
-            took(asked.with(Ask::Registers4), answers) == Some(Took::Answered)
+            took(asked.with(ProbeKind::Registers4), answers) == Some(Took::Answered)
                 && says_so(asked, answers).is_none()
         }
         Protocol::Rtu => case(asked, answers, family) == Case::RuledOut,
@@ -125,7 +125,7 @@ pub(super) fn rules_out(asked: Question, answers: &[Answer], family: Family) -> 
 }
 
 /// The family that a module reports.
-fn says_so(asked: Question, answers: &[Answer]) -> Option<Family> {
+fn says_so(asked: ScanProbe, answers: &[Answer]) -> Option<Family> {
     let name = |response: &Response<'_>| match response {
         Response::Ascii(ascii::Response::Text(name)) => Family::of_name(name.bytes()),
         Response::Lc02(lc02::Response::Config { model, .. }) => Family::of_number(*model),
@@ -139,10 +139,10 @@ fn says_so(asked: Question, answers: &[Answer]) -> Option<Family> {
         _ => None,
     };
     let asks = [
-        Ask::Lc02Config,
-        Ask::AsciiName(false),
-        Ask::AsciiName(true),
-        Ask::Registers4,
+        ProbeKind::Lc02Config,
+        ProbeKind::AsciiName(false),
+        ProbeKind::AsciiName(true),
+        ProbeKind::Registers4,
     ];
     let mut said = asks
         .into_iter()
@@ -152,22 +152,24 @@ fn says_so(asked: Question, answers: &[Answer]) -> Option<Family> {
 
 /// The next identification request for a module that was found. Original modules refuse it, or stay
 /// silent: then the cheaper request goes first.
-pub(super) fn describe(asked: Question, answers: &[Answer]) -> Option<Ask> {
-    let was_asked = |ask: Ask| answers.iter().any(|(known, _)| *known == ask);
-    let knows = |ask: Ask| took(asked.with(ask), answers) == Some(Took::Answered);
+pub(super) fn describe(asked: ScanProbe, answers: &[Answer]) -> Option<ProbeKind> {
+    let was_asked = |ask: ProbeKind| answers.iter().any(|(known, _)| *known == ask);
+    let knows = |ask: ProbeKind| took(asked.with(ask), answers) == Some(Took::Answered);
     let next = match asked.ask {
-        Ask::AsciiName(checksum) => Ask::AsciiFirmware(checksum),
+        ProbeKind::AsciiName(checksum) => ProbeKind::AsciiFirmware(checksum),
         ask if ask.protocol() != Protocol::Rtu => return None,
         _ => match identify(asked, answers).family {
-            Some(family) if !family.datasheet().refuses && !knows(Ask::Diagnosis) => Ask::Diagnosis,
-            _ => Ask::Identification,
+            Some(family) if !family.datasheet().refuses && !knows(ProbeKind::Diagnosis) => {
+                ProbeKind::Diagnosis
+            }
+            _ => ProbeKind::Identification,
         },
     };
     (!was_asked(next)).then_some(next)
 }
 
 /// A module's identification: manufacturer, product and version, or its firmware.
-pub(super) fn description(asked: Question, answers: &[Answer]) -> Option<String> {
+pub(super) fn description(asked: ScanProbe, answers: &[Answer]) -> Option<String> {
     let firmware = |response: &Response<'_>| match response {
         Response::Ascii(ascii::Response::Text(text)) => Some(text.as_str().to_owned()),
         _ => None,
@@ -182,14 +184,14 @@ pub(super) fn description(asked: Question, answers: &[Answer]) -> Option<String>
         }
         _ => None,
     };
-    let by_ascii = [false, true].map(Ask::AsciiFirmware).into_iter();
+    let by_ascii = [false, true].map(ProbeKind::AsciiFirmware).into_iter();
     let mut by_ascii = by_ascii.map(|ask| response(asked.with(ask), answers, firmware));
-    let by_rtu = response(asked.with(Ask::Identification), answers, says);
+    let by_rtu = response(asked.with(ProbeKind::Identification), answers, says);
     by_ascii.find_map(Option::flatten).or(by_rtu.flatten())
 }
 
 /// The identity that the responses of one module show.
-pub(super) fn identify(asked: Question, answers: &[Answer]) -> Identity {
+pub(super) fn identify(asked: ScanProbe, answers: &[Answer]) -> Identity {
     let known = |family: Family, by_behaviour| Identity {
         family: Some(family),
         model: Some(family.to_string()),
@@ -200,7 +202,7 @@ pub(super) fn identify(asked: Question, answers: &[Answer]) -> Identity {
         return known(family, false);
     }
     // A 0x55 board reports neither its model nor its number of relays.
-    if took(asked.with(Ask::R55State), answers) == Some(Took::Answered) {
+    if took(asked.with(ProbeKind::R55State), answers) == Some(Took::Answered) {
         let mut families = Family::ALL.into_iter();
         let speaks = |family: &Family| family.profile().protocols.contains(&Protocol::R55);
         if let Some(family) = families.find(speaks) {
@@ -211,7 +213,7 @@ pub(super) fn identify(asked: Question, answers: &[Answer]) -> Identity {
     if let Some(family) = unnamed().find(is(Case::Proven)) {
         return known(family, true);
     }
-    let took = |ask: Ask| took(asked.with(ask), answers);
+    let took = |ask: ProbeKind| took(asked.with(ask), answers);
     let any = |wanted: Took| {
         let mut asks = answers.iter().map(|(ask, _)| *ask);
         asks.any(|ask| !ask.is_description() && took(ask) == Some(wanted))
@@ -226,9 +228,9 @@ pub(super) fn identify(asked: Question, answers: &[Answer]) -> Identity {
 }
 
 /// The version that an EMD-2A2Q has in its first register [EMD-2A2Q §4.1].
-pub(super) fn version(asked: Question, answers: &[Answer]) -> Option<u16> {
+pub(super) fn version(asked: ScanProbe, answers: &[Answer]) -> Option<u16> {
     response(
-        asked.with(Ask::Registers8),
+        asked.with(ProbeKind::Registers8),
         answers,
         |response| match response {
             Response::Rtu(rtu::Response::Words(words)) => words.get(0),
@@ -239,9 +241,9 @@ pub(super) fn version(asked: Question, answers: &[Answer]) -> Option<u16> {
 }
 
 /// The 32 bits of a 0x55 board.
-pub(super) fn state(asked: Question, answers: &[Answer]) -> Option<u32> {
+pub(super) fn state(asked: ScanProbe, answers: &[Answer]) -> Option<u32> {
     response(
-        asked.with(Ask::R55State),
+        asked.with(ProbeKind::R55State),
         answers,
         |response| match response {
             Response::R55(response) => Some(response.to_word()),
@@ -252,14 +254,14 @@ pub(super) fn state(asked: Question, answers: &[Answer]) -> Option<u32> {
 }
 
 /// The address that a lone 0x55 board reports.
-pub(super) fn board(asked: Question, bytes: &[u8]) -> Option<Address> {
+pub(super) fn board(asked: ScanProbe, bytes: &[u8]) -> Option<Address> {
     let exchange = asked.exchange()?;
     exchange.find_response(bytes).1.whole()?.from
 }
 
 /// The meaning of a response to the request, if there was one.
 fn response<T>(
-    asked: Question,
+    asked: ScanProbe,
     answers: &[Answer],
     look: impl Fn(&Response<'_>) -> T,
 ) -> Option<T> {
@@ -269,7 +271,7 @@ fn response<T>(
     Some(look(&reply.response))
 }
 
-fn took(asked: Question, answers: &[Answer]) -> Option<Took> {
+fn took(asked: ScanProbe, answers: &[Answer]) -> Option<Took> {
     let (_, bytes) = answers.iter().find(|(ask, _)| *ask == asked.ask)?;
     if bytes.is_empty() {
         return Some(Took::Silent);
@@ -281,12 +283,12 @@ fn took(asked: Question, answers: &[Answer]) -> Option<Took> {
 }
 
 /// The name reported by a module of an unknown family.
-fn named(asked: Question, answers: &[Answer]) -> Option<String> {
+fn named(asked: ScanProbe, answers: &[Answer]) -> Option<String> {
     let name = |response: &Response<'_>| match response {
         Response::Ascii(ascii::Response::Text(text)) => Some(text.as_str().to_owned()),
         _ => None,
     };
-    let mut asks = [Ask::AsciiName(false), Ask::AsciiName(true)].into_iter();
+    let mut asks = [ProbeKind::AsciiName(false), ProbeKind::AsciiName(true)].into_iter();
     asks.find_map(|ask| response(asked.with(ask), answers, name).flatten())
 }
 

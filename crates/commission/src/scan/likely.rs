@@ -1,14 +1,14 @@
 //! The retry after an empty scan: requests to the modules that are likely to be there.
 
 use super::Scope;
-use super::ask::{PATIENCE, Question};
+use super::ask::{PATIENCE, ScanProbe};
 use railbus_wire::Micros;
 use std::collections::VecDeque;
 
 /// The requests that are sent with a long timeout if no module is found.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Likely {
-    left: VecDeque<Question>,
+    left: VecDeque<ScanProbe>,
 }
 
 impl Likely {
@@ -17,14 +17,14 @@ impl Likely {
     /// at the end of that speed.
     pub(super) fn of(
         scope: &Scope,
-        early: &VecDeque<(Question, Micros)>,
-        plan: impl Iterator<Item = Question>,
+        early: &VecDeque<(ScanProbe, Micros)>,
+        plan: impl Iterator<Item = ScanProbe>,
     ) -> Likely {
         let mut before = None;
-        let is_first = |asked: &Question| before.replace(asked.settings) != Some(asked.settings);
-        let first: Vec<Question> = plan.filter(is_first).collect();
+        let is_first = |asked: &ScanProbe| before.replace(asked.settings) != Some(asked.settings);
+        let first: Vec<ScanProbe> = plan.filter(is_first).collect();
         let mut likely = scope.likely();
-        let is_early = |asked: &Question| {
+        let is_early = |asked: &ScanProbe| {
             let mut early = early.iter();
             early.any(|(question, patience)| question == asked && *patience >= PATIENCE)
         };
@@ -35,12 +35,12 @@ impl Likely {
     }
 
     /// Takes the next one.
-    pub(super) fn take(&mut self) -> Option<Question> {
+    pub(super) fn take(&mut self) -> Option<ScanProbe> {
         self.left.pop_front()
     }
 
     /// All remaining ones.
-    pub(super) fn questions(&self) -> impl Iterator<Item = Question> {
+    pub(super) fn questions(&self) -> impl Iterator<Item = ScanProbe> {
         self.left.iter().copied()
     }
 

@@ -1,10 +1,12 @@
 //! Decides what to send next.
 
-use super::ask::{Ask, PATIENCE, Question};
+use super::ask::{PATIENCE, ProbeKind, ScanProbe};
 use super::case::{Case, Turn};
 use super::identify;
 use super::likely::Likely;
-use super::{Found, LeftOut, Met, Place, Progress, ScanCounts, Scope, Step};
+use super::{
+    FoundModule, LeftOut, ProbeOutcome, ScanCounts, ScanPosition, ScanProgress, ScanStep, Scope,
+};
 use railbus_bus::LateReply;
 use railbus_bus::Probed;
 use railbus_wire::{Address, Frame, Instant, Micros, Settings, r55};
@@ -43,27 +45,27 @@ enum Why {
 pub struct Scanner {
     scope: Scope,
     /// Configured modules, then those with factory settings.
-    early: VecDeque<(Question, Micros)>,
-    asked_early: HashSet<Question>,
-    place: Place,
+    early: VecDeque<(ScanProbe, Micros)>,
+    asked_early: HashSet<ScanProbe>,
+    place: ScanPosition,
     /// Current speed and format of the line.
     at: Option<Settings>,
-    current: Option<(Question, Why)>,
+    current: Option<(ScanProbe, Why)>,
     /// The last frame sent.
     last: Frame,
     cases: Vec<Case>,
     /// Requests to which a late reply may still arrive, oldest first.
-    recent: VecDeque<(Instant, Question)>,
+    recent: VecDeque<(Instant, ScanProbe)>,
     /// Requests to slow modules.
-    again: VecDeque<Question>,
+    again: VecDeque<ScanProbe>,
     /// Those that were retried: once is enough.
-    asked_again: HashSet<Question>,
+    asked_again: HashSet<ScanProbe>,
     /// An unanswered request to be repeated at the end.
-    unanswered: Option<Question>,
+    unanswered: Option<ScanProbe>,
     /// Late replies still have to be listened for before the end.
     owes_closing: bool,
     /// Requests that were answered twice, by modules still under inspection.
-    twice: Vec<Question>,
+    twice: Vec<ScanProbe>,
     looks_beyond: bool,
     /// The requests that are retried with a long timeout if no module is found.
     likely: Likely,
@@ -75,7 +77,7 @@ pub struct Scanner {
     late_count: usize,
     slowest: Micros,
     news: VecDeque<usize>,
-    found: Vec<Found>,
+    found: Vec<FoundModule>,
     counts: ScanCounts,
     done: usize,
     total: usize,
@@ -95,21 +97,26 @@ impl Scanner {
             .factory()
             .map(|asked| (asked, asked.silence(scope.silence)));
         let early = known.chain(factory).collect();
-        Scanner::start(scope, early, Place::default(), Vec::new())
+        Scanner::start(scope, early, ScanPosition::default(), Vec::new())
     }
 
     /// A resumed scan: from a position, with these requests first, and with what was found before.
     #[must_use]
-    pub fn resume(scope: Scope, place: Place, first: &[Question], found: Vec<Found>) -> Scanner {
+    pub fn resume(
+        scope: Scope,
+        place: ScanPosition,
+        first: &[ScanProbe],
+        found: Vec<FoundModule>,
+    ) -> Scanner {
         let early = first.iter().map(|asked| waited_for(*asked)).collect();
         Scanner::start(scope, early, place, found)
     }
 
     fn start(
         scope: Scope,
-        early: VecDeque<(Question, Micros)>,
-        place: Place,
-        found: Vec<Found>,
+        early: VecDeque<(ScanProbe, Micros)>,
+        place: ScanPosition,
+        found: Vec<FoundModule>,
     ) -> Scanner {
         let mut scanner = Scanner {
             looks_beyond: scope.beyond,
@@ -158,7 +165,7 @@ impl Scanner {
 
     /// The modules found so far, in the order of discovery.
     #[must_use]
-    pub fn found(&self) -> &[Found] {
+    pub fn found(&self) -> &[FoundModule] {
         &self.found
     }
 
@@ -190,8 +197,8 @@ impl Scanner {
 
     /// The configured modules that were tried and not found.
     pub fn missing(&self) -> impl Iterator<Item = &str> {
-        let asked = |question: &Question| self.asked_early.contains(question);
-        let found = |question: &Question| self.found.iter().any(|f| f.answers_to(question));
+        let asked = |question: &ScanProbe| self.asked_early.contains(question);
+        let found = |question: &ScanProbe| self.found.iter().any(|f| f.answers_to(question));
         let known = self.scope.known.iter();
         let missing = known.filter(move |known| {
             let question = known.question();
@@ -202,13 +209,13 @@ impl Scanner {
 
     /// Progress. The remaining time is computed in bytes, and corrected by the time taken so far.
     #[must_use]
-    pub fn progress(&self) -> Progress {
+    pub fn progress(&self) -> ScanProgress {
         let long_enough = self.cost_done >= Micros::from_millis(500);
         let left = match long_enough {
             true => Micros(self.cost_left.0.saturating_mul(self.spent.0) / self.cost_done.0.max(1)),
             false => self.cost_left,
         };
-        Progress {
+        ScanProgress {
             done: self.done,
             total: self.total,
             left,
@@ -217,7 +224,7 @@ impl Scanner {
 
     /// Where to resume if the scan is stopped now, and which request to repeat first then.
     #[must_use]
-    pub fn place(&self) -> (Place, Vec<Question>) {
+    pub fn place(&self) -> (ScanPosition, Vec<ScanProbe>) {
         let current = self.current.iter();
         // As long as no module was found, all likely ones get a long timeout anyway.
         let current = current.filter(|(_, why)| match why {
@@ -231,7 +238,7 @@ impl Scanner {
         let again = self.again.iter().copied();
         let likely = self.likely.questions().filter(|_| self.waits);
         let early = early.chain(again).chain(likely);
-        let mut first: Vec<Question> = current.chain(cases).chain(early).collect();
+        let mut first: Vec<ScanProbe> = current.chain(cases).chain(early).collect();
         first.retain(|question| !self.knows(question));
         (self.place, first)
     }
@@ -256,18 +263,18 @@ impl Scanner {
     }
 
     /// The next action.
-    pub fn next(&mut self, now: Instant) -> Step {
+    pub fn next(&mut self, now: Instant) -> ScanStep {
         loop {
             if self.is_noisy() {
                 // A module known only by corrupted bytes does not count.
                 self.found.retain(|found| !found.answers.is_empty());
-                return Step::Done;
+                return ScanStep::Done;
             }
             if let Some(news) = self.news.pop_front() {
-                return Step::Found(news);
+                return ScanStep::Found(news);
             }
             let Some((question, patience, why)) = self.choose(now) else {
-                return Step::Done;
+                return ScanStep::Done;
             };
             let safe = question.safe(self.last.bytes());
             let probe = safe.and_then(|question| {
@@ -286,13 +293,13 @@ impl Scanner {
             self.current = Some((question, why));
             self.counts.probes += 1;
             self.asked_at = now;
-            return Step::Ask(probe);
+            return ScanStep::Ask(probe);
         }
     }
 
     /// A request must not be sent now. One that is a problem only after the previous frame is sent
     /// later.
-    fn pass_over(&mut self, question: Question, why: Why) {
+    fn pass_over(&mut self, question: ScanProbe, why: Why) {
         if matches!(why, Why::First | Why::Likely) && question.safe(&[]).is_some() {
             return self.ask_again(vec![question]);
         }
@@ -307,7 +314,7 @@ impl Scanner {
     }
 
     /// The result of the request.
-    pub fn met(&mut self, now: Instant, met: Met) {
+    pub fn met(&mut self, now: Instant, met: ProbeOutcome) {
         let Some((question, why)) = self.current.take() else {
             return;
         };
@@ -365,7 +372,7 @@ impl Scanner {
 
     /// Whether the first module was found now, and only by a retry or a longer timeout than others
     /// get.
-    fn heard_by_waiting(&self, why: Why, question: Question, met: &Met) -> bool {
+    fn heard_by_waiting(&self, why: Why, question: ScanProbe, met: &ProbeOutcome) -> bool {
         if !self.found.is_empty() || self.scope.silence >= PATIENCE {
             return false;
         }
@@ -387,7 +394,7 @@ impl Scanner {
 
     /// Whether the reply began only after the scan's timeout. A first request waits for less, so
     /// that the whole reply is there by then; a module that misses that by little is not slow.
-    fn is_late(&self, question: Question, met: &Met) -> bool {
+    fn is_late(&self, question: ScanProbe, met: &ProbeOutcome) -> bool {
         met.after > question.silence(self.scope.silence)
     }
 
@@ -404,7 +411,7 @@ impl Scanner {
     }
 
     /// The next request, its timeout, and its reason.
-    fn choose(&mut self, now: Instant) -> Option<(Question, Micros, Why)> {
+    fn choose(&mut self, now: Instant) -> Option<(ScanProbe, Micros, Why)> {
         let mut cases = self.cases.iter().enumerate();
         if let Some((index, case)) = cases.find(|(_, case)| case.ready_at <= now) {
             return Some((case.question(), case.patience(), Why::Case(index)));
@@ -451,7 +458,7 @@ impl Scanner {
     }
 
     /// The next first request, without taking it; those that are not needed are skipped.
-    fn peek_first(&mut self) -> Option<(Question, Micros)> {
+    fn peek_first(&mut self) -> Option<(ScanProbe, Micros)> {
         while let Some((question, patience)) = self.early.front().copied() {
             if !self.needs_no_asking(&question) {
                 return Some((question, patience));
@@ -471,17 +478,17 @@ impl Scanner {
         }
     }
 
-    fn needs_no_asking(&self, question: &Question) -> bool {
+    fn needs_no_asking(&self, question: &ScanProbe) -> bool {
         let asked = self.asked_early.contains(question);
         asked || self.knows(question) || self.cases.iter().any(|case| is_same(case, question))
     }
 
-    fn knows(&self, question: &Question) -> bool {
+    fn knows(&self, question: &ScanProbe) -> bool {
         self.found.iter().any(|found| found.answers_to(question))
     }
 
     /// Takes the request that [`Scanner::peek_first`] returned.
-    fn take_first(&mut self, question: Question) {
+    fn take_first(&mut self, question: ScanProbe) {
         self.done += 1;
         if self.early.pop_front().is_some() {
             self.asked_early.insert(question);
@@ -497,7 +504,7 @@ impl Scanner {
     }
 
     /// The next address that may be slow, unless it has answered meanwhile.
-    fn take_again(&mut self) -> Option<Question> {
+    fn take_again(&mut self) -> Option<ScanProbe> {
         while let Some(question) = self.again.pop_front() {
             if !self.knows(&question) && !self.cases.iter().any(|case| is_same(case, &question)) {
                 return Some(question);
@@ -507,7 +514,7 @@ impl Scanner {
     }
 
     /// If at most one 0x55 board was found, it is asked for its address, whatever that is.
-    fn take_boards(&mut self) -> Option<Question> {
+    fn take_boards(&mut self) -> Option<ScanProbe> {
         if !self.looks_beyond || self.at.is_some_and(|at| at != Settings::FACTORY) {
             return None;
         }
@@ -515,16 +522,16 @@ impl Scanner {
         let boards = self
             .found
             .iter()
-            .filter(|found| found.asked.ask == Ask::R55State);
-        (boards.count() <= 1).then_some(Question {
+            .filter(|found| found.asked.ask == ProbeKind::R55State);
+        (boards.count() <= 1).then_some(ScanProbe {
             settings: Settings::FACTORY,
-            ask: Ask::R55Address,
+            ask: ProbeKind::R55Address,
             address: r55::BROADCAST,
         })
     }
 
     /// If no module was found, or only by a long timeout, the next retry.
-    fn take_likely(&mut self) -> Option<(Question, Micros, Why)> {
+    fn take_likely(&mut self) -> Option<(ScanProbe, Micros, Why)> {
         while let Some(question) = self.likely.take() {
             self.done += 1;
             self.account(question.cost(PATIENCE));
@@ -543,8 +550,8 @@ impl Scanner {
     }
 
     /// The first requests of the remaining runs.
-    fn rest(&self) -> impl Iterator<Item = Question> {
-        let Place { run, asked, .. } = self.place;
+    fn rest(&self) -> impl Iterator<Item = ScanProbe> {
+        let ScanPosition { run, asked, .. } = self.place;
         let runs = self.scope.runs.iter().enumerate().skip(run);
         runs.flat_map(move |(index, of)| {
             let from = if index == run { asked } else { 0 };
@@ -552,11 +559,12 @@ impl Scanner {
         })
     }
 
-    fn meet_boards(&mut self, question: Question, outcome: Probed, bytes: &[u8]) {
+    fn meet_boards(&mut self, question: ScanProbe, outcome: Probed, bytes: &[u8]) {
         match outcome {
             Probed::Answered => {
                 let board = identify::board(question, bytes);
-                let state = board.map(|address| at_address(question.with(Ask::R55State), address));
+                let state =
+                    board.map(|address| at_address(question.with(ProbeKind::R55State), address));
                 self.ask_again(state.into_iter().collect());
             }
             Probed::Garbled => self.crowd = true,
@@ -565,7 +573,7 @@ impl Scanner {
     }
 
     /// After all were found, identification of those that support it.
-    fn take_description(&self) -> Option<(Question, Micros, Why)> {
+    fn take_description(&self) -> Option<(ScanProbe, Micros, Why)> {
         let mut found = self.found.iter().enumerate();
         found.find_map(|(index, found)| {
             let (question, patience) = found.to_describe().filter(|_| self.scope.describes)?;
@@ -573,7 +581,7 @@ impl Scanner {
         })
     }
 
-    fn meet_description(&mut self, index: usize, question: Question, bytes: Vec<u8>) {
+    fn meet_description(&mut self, index: usize, question: ScanProbe, bytes: Vec<u8>) {
         let mut found = self.found.get_mut(index);
         if found
             .as_mut()
@@ -590,7 +598,7 @@ impl Scanner {
             return;
         };
         if late.again {
-            let twice = |(_, found): &(usize, &mut Found)| found.answers_to(&question);
+            let twice = |(_, found): &(usize, &mut FoundModule)| found.answers_to(&question);
             let mut found = self.found.iter_mut().enumerate();
             match found.find(twice) {
                 Some((index, found)) if !found.twice => {
@@ -608,7 +616,7 @@ impl Scanner {
     }
 
     /// These are repeated once, with a long timeout.
-    fn ask_again(&mut self, questions: Vec<Question>) {
+    fn ask_again(&mut self, questions: Vec<ScanProbe>) {
         for question in questions {
             if self.asked_again.insert(question) {
                 self.again.push_back(question);
@@ -616,7 +624,7 @@ impl Scanner {
         }
     }
 
-    fn add(&mut self, mut found: Found) {
+    fn add(&mut self, mut found: FoundModule) {
         if self
             .found
             .iter()
@@ -639,7 +647,7 @@ impl Scanner {
     }
 
     fn count_what_is_left(&mut self) {
-        let rest: Vec<Question> = self.rest().collect();
+        let rest: Vec<ScanProbe> = self.rest().collect();
         self.total = self.early.len() + rest.len() + self.likely.len();
         self.cost_left = self.likely.cost();
         if self.looks_beyond {
@@ -656,18 +664,18 @@ impl Scanner {
 }
 
 /// A first request with the longest timeout.
-fn waited_for(question: Question) -> (Question, Micros) {
+fn waited_for(question: ScanProbe) -> (ScanProbe, Micros) {
     (question, question.shows_after(PATIENCE))
 }
 
-fn is_same(case: &Case, question: &Question) -> bool {
+fn is_same(case: &Case, question: &ScanProbe) -> bool {
     case.asked.settings == question.settings
         && case.asked.address == question.address
         && case.asked.ask.protocol() == question.ask.protocol()
 }
 
-const fn at_address(question: Question, address: Address) -> Question {
-    Question {
+const fn at_address(question: ScanProbe, address: Address) -> ScanProbe {
+    ScanProbe {
         address,
         ..question
     }

@@ -1,11 +1,11 @@
 //! How far a scan has got, and its statistics.
 
-use super::ask::Ask;
+use super::ask::ProbeKind;
 use railbus_wire::{Micros, Settings};
 
 /// The position of a scan: a run of its scope, and an address of that run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Place {
+pub struct ScanPosition {
     /// The run.
     pub run: usize,
     /// How many of its addresses were tried.
@@ -27,7 +27,7 @@ pub struct ScanCounts {
 
 /// The progress of a scan, for people.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Progress {
+pub struct ScanProgress {
     /// First requests sent.
     pub done: usize,
     /// First questions in all.
@@ -42,7 +42,7 @@ pub struct LeftOut {
     /// Speed and character format.
     pub settings: Settings,
     /// The kind of request.
-    pub ask: Ask,
+    pub ask: ProbeKind,
     /// The addresses.
     pub addresses: Vec<u8>,
 }

@@ -1,6 +1,6 @@
 //! The scope of a scan, and its order.
 
-use super::ask::{Ask, Question};
+use super::ask::{ProbeKind, ScanProbe};
 use railbus_device::Family;
 use railbus_wire::{Address, Baud, Character, Micros, Protocol, Settings};
 
@@ -72,14 +72,14 @@ pub struct Known {
 
 impl Known {
     /// The request that it should answer.
-    pub(super) const fn question(&self) -> Question {
+    pub(super) const fn question(&self) -> ScanProbe {
         let ask = match self.protocol {
-            Protocol::R55 => Ask::R55State,
-            Protocol::Lc02 => Ask::Lc02Config,
-            Protocol::Ascii => Ask::AsciiName(self.checksum),
-            Protocol::Rtu => Ask::Coils0,
+            Protocol::R55 => ProbeKind::R55State,
+            Protocol::Lc02 => ProbeKind::Lc02Config,
+            Protocol::Ascii => ProbeKind::AsciiName(self.checksum),
+            Protocol::Rtu => ProbeKind::Coils0,
         };
-        Question {
+        ScanProbe {
             settings: self.settings,
             ask,
             address: self.address,
@@ -89,7 +89,7 @@ impl Known {
 
 /// What the user asked for; the depth provides the rest.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Wish {
+pub struct ScanOptions {
     /// How far to go.
     pub depth: Depth,
     /// The line's own speed and format, if not the factory's.
@@ -134,17 +134,17 @@ pub struct Run {
     /// Speed and character format.
     pub settings: Settings,
     /// The kind of request.
-    pub ask: Ask,
+    pub ask: ProbeKind,
     /// The addresses.
     pub addresses: Vec<u8>,
 }
 
 impl Run {
     /// The request to those addresses that a module can have.
-    fn of(settings: Settings, ask: Ask, addresses: &[u8]) -> Run {
+    fn of(settings: Settings, ask: ProbeKind, addresses: &[u8]) -> Run {
         let possible = |address: &u8| {
             let address = Address(*address);
-            let question = Question {
+            let question = ScanProbe {
                 settings,
                 ask,
                 address,
@@ -159,9 +159,9 @@ impl Run {
     }
 
     /// The request to the address at this position of the run.
-    pub(super) fn question(&self, place: usize) -> Option<Question> {
+    pub(super) fn question(&self, place: usize) -> Option<ScanProbe> {
         let address = self.addresses.get(place)?;
-        Some(Question {
+        Some(ScanProbe {
             settings: self.settings,
             ask: self.ask,
             address: Address(*address),
@@ -172,7 +172,7 @@ impl Run {
 impl Scope {
     /// The scope for these wishes; no runs if they contradict each other.
     #[must_use]
-    pub fn of(wish: &Wish, known: Vec<Known>) -> Scope {
+    pub fn of(wish: &ScanOptions, known: Vec<Known>) -> Scope {
         let own = wish.line.unwrap_or(Settings::FACTORY);
         let quick = wish.depth == Depth::Quick;
         let addresses = wish.addresses.clone().unwrap_or_else(|| match quick {
@@ -197,9 +197,11 @@ impl Scope {
                 character,
             })
         });
-        let wanted = |ask: &Ask, settings: Settings| {
+        let wanted = |ask: &ProbeKind, settings: Settings| {
             let fits = match ask {
-                Ask::AsciiName(checksum) => wish.checksum.is_none_or(|only| only == *checksum),
+                ProbeKind::AsciiName(checksum) => {
+                    wish.checksum.is_none_or(|only| only == *checksum)
+                }
                 _ => true,
             };
             fits && protocols.contains(&ask.protocol())
@@ -216,7 +218,7 @@ impl Scope {
             asks.map(move |ask| Run::of(settings, ask, addresses))
         });
         let runs: Vec<Run> = runs.collect();
-        let asks_boards = runs.iter().any(|run| run.ask == Ask::R55State);
+        let asks_boards = runs.iter().any(|run| run.ask == ProbeKind::R55State);
         Scope {
             known,
             silence: wish.silence.unwrap_or(wish.depth.silence()),
@@ -229,25 +231,28 @@ impl Scope {
 
     /// The requests that get a long timeout if no module is found: all, if there are only a few,
     /// otherwise those to a module with factory settings.
-    pub(super) fn likely(&self) -> Vec<Question> {
+    pub(super) fn likely(&self) -> Vec<ScanProbe> {
         self.few().unwrap_or_else(|| {
             // A lone 0x55 board always gets a long timeout.
-            let mut factory: Vec<Question> = self.factory().collect();
-            factory.retain(|asked| !(self.beyond && asked.ask == Ask::R55State));
+            let mut factory: Vec<ScanProbe> = self.factory().collect();
+            factory.retain(|asked| !(self.beyond && asked.ask == ProbeKind::R55State));
             factory
         })
     }
 
     /// All of the scope, if that is not too much to wait for.
-    pub(super) fn few(&self) -> Option<Vec<Question>> {
+    pub(super) fn few(&self) -> Option<Vec<ScanProbe>> {
         // A Modbus module that gets a long timeout answers or refuses the coils.
-        let runs = self.runs.iter().filter(|run| run.ask != Ask::Registers4);
+        let runs = self
+            .runs
+            .iter()
+            .filter(|run| run.ask != ProbeKind::Registers4);
         // The request with checksum would have to wait for the reply without: it comes later.
         let (with, without): (Vec<&Run>, Vec<&Run>) =
-            runs.partition(|run| run.ask == Ask::AsciiName(true));
+            runs.partition(|run| run.ask == ProbeKind::AsciiName(true));
         let runs = without.into_iter().chain(with);
         let all = runs.flat_map(|run| (0..run.addresses.len()).filter_map(|at| run.question(at)));
-        let mut few: Vec<Question> = self.factory().collect();
+        let mut few: Vec<ScanProbe> = self.factory().collect();
         for question in all.filter(|question| question.safe(&[]).is_some()) {
             if !few.contains(&question) {
                 few.push(question);
@@ -260,10 +265,10 @@ impl Scope {
     }
 
     /// A module with factory settings, in all protocols that are scanned.
-    pub(super) fn factory(&self) -> impl Iterator<Item = Question> {
+    pub(super) fn factory(&self) -> impl Iterator<Item = ScanProbe> {
         let at_factory = |run: &&Run| {
             // The request with checksum would have to wait for the reply without.
-            let ask = !matches!(run.ask, Ask::AsciiName(true) | Ask::Registers4);
+            let ask = !matches!(run.ask, ProbeKind::AsciiName(true) | ProbeKind::Registers4);
             let speed = self.factory || run.settings == Settings::FACTORY;
             ask && speed && run.addresses.contains(&1)
         };
@@ -274,7 +279,7 @@ impl Scope {
             asked.push(run.ask);
             is_new
         });
-        runs.map(|run| Question {
+        runs.map(|run| ScanProbe {
             settings: Settings::FACTORY,
             ask: run.ask,
             address: Address(1),
@@ -283,15 +288,15 @@ impl Scope {
 }
 
 /// The requests that an unknown module may answer.
-const FIRST: [Ask; 6] = [
-    Ask::R55State,
-    Ask::Lc02Config,
-    Ask::AsciiName(false),
-    Ask::AsciiName(true),
-    Ask::Coils0,
+const FIRST: [ProbeKind; 6] = [
+    ProbeKind::R55State,
+    ProbeKind::Lc02Config,
+    ProbeKind::AsciiName(false),
+    ProbeKind::AsciiName(true),
+    ProbeKind::Coils0,
     // Modules that do not answer coils may answer registers, and those drowned out before are
     // received now.
-    Ask::Registers4,
+    ProbeKind::Registers4,
 ];
 
 /// Whether modules of the five families can have these settings. Explicitly given ones are tried
@@ -310,7 +315,7 @@ fn is_possible(protocol: Protocol, settings: Settings, named: bool) -> bool {
 mod tests {
     use super::*;
 
-    fn runs(wish: &Wish) -> Vec<(u32, String, Ask, usize)> {
+    fn runs(wish: &ScanOptions) -> Vec<(u32, String, ProbeKind, usize)> {
         let scope = Scope::of(wish, Vec::new());
         let told = |run: &Run| {
             let Settings { baud, character } = run.settings;
@@ -322,17 +327,17 @@ mod tests {
 
     #[test]
     fn a_quick_scan_asks_one_speed_and_thirty_two_addresses() {
-        let quick = runs(&Wish::default());
-        let asks: Vec<Ask> = quick.iter().map(|(.., ask, _)| *ask).collect();
+        let quick = runs(&ScanOptions::default());
+        let asks: Vec<ProbeKind> = quick.iter().map(|(.., ask, _)| *ask).collect();
         assert_eq!(asks, FIRST);
         assert!(quick.iter().all(|run| (run.0, run.3) == (9600, 32)));
     }
 
     #[test]
     fn a_deep_scan_asks_each_protocol_at_the_speeds_that_it_has() {
-        let deep = runs(&Wish {
+        let deep = runs(&ScanOptions {
             depth: Depth::Deep,
-            ..Wish::default()
+            ..ScanOptions::default()
         });
         let at = |protocol: Protocol| {
             let of = deep.iter().filter(|run| run.2.protocol() == protocol);
@@ -348,16 +353,16 @@ mod tests {
 
     #[test]
     fn parity_is_for_modbus_alone() {
-        let even = runs(&Wish {
+        let even = runs(&ScanOptions {
             characters: Some(vec![Character::N1, Character::E1]),
-            ..Wish::default()
+            ..ScanOptions::default()
         });
-        let of_even: Vec<Ask> = even.iter().filter(|r| r.1 == "8E1").map(|r| r.2).collect();
-        assert_eq!(of_even, [Ask::Coils0, Ask::Registers4]);
-        let nothing = runs(&Wish {
+        let of_even: Vec<ProbeKind> = even.iter().filter(|r| r.1 == "8E1").map(|r| r.2).collect();
+        assert_eq!(of_even, [ProbeKind::Coils0, ProbeKind::Registers4]);
+        let nothing = runs(&ScanOptions {
             characters: Some(vec![Character::E1]),
             protocols: Some(vec![Protocol::R55]),
-            ..Wish::default()
+            ..ScanOptions::default()
         });
         assert_eq!(nothing, []);
     }

@@ -2,7 +2,7 @@
 
 use railbus_bus::LateReply;
 use railbus_bus::{Bus, Config, Event, Input, Output, Probed};
-use railbus_commission::scan::{Found, Met, Scanner, Scope, Step};
+use railbus_commission::scan::{FoundModule, ProbeOutcome, ScanStep, Scanner, Scope};
 use railbus_device::{Eeprom, Effect, Family, Options, Setup};
 use railbus_sim::{Act, Chunks, Input as Told, Line, LineConfig, ModuleId, Output as Does, Power};
 use railbus_wire::{Address, Baud, Exchange, Frame, Instant, Micros, Protocol, Settings};
@@ -12,7 +12,7 @@ use railbus_wire::{Address, Baud, Exchange, Frame, Instant, Micros, Protocol, Se
 pub(crate) struct Ran {
     /// What was found, by speed, address and protocol.
     pub(crate) found: Vec<String>,
-    pub(crate) all: Vec<Found>,
+    pub(crate) all: Vec<FoundModule>,
     /// From the first request to the end.
     pub(crate) took: Micros,
     /// The estimate at its beginning.
@@ -122,7 +122,7 @@ impl Bench {
         let (mut asked, mut estimates) = (0, Vec::new());
         while asked < questions {
             match scanner.next(self.now) {
-                Step::Ask(probe) => {
+                ScanStep::Ask(probe) => {
                     asked += 1;
                     assert!(self.bus.submit_probe(self.now, probe));
                     let met = self.wait();
@@ -131,8 +131,8 @@ impl Bench {
                     assert!(progress.done <= progress.total, "{progress:?}");
                     estimates.push((self.now.since(began), progress.left));
                 }
-                Step::Found(_) => {}
-                Step::Done => {
+                ScanStep::Found(_) => {}
+                ScanStep::Done => {
                     let progress = scanner.progress();
                     assert_eq!(progress.done, progress.total, "it ends as it was told");
                     break;
@@ -153,11 +153,11 @@ impl Bench {
         }
     }
 
-    fn wait(&mut self) -> Met {
+    fn wait(&mut self) -> ProbeOutcome {
         loop {
             self.drain();
             if let Some((outcome, after)) = self.probed.take() {
-                return Met {
+                return ProbeOutcome {
                     outcome,
                     bytes: std::mem::take(&mut self.heard),
                     after,
@@ -237,7 +237,7 @@ const fn moves(effect: &Effect) -> bool {
 }
 
 /// A module found, as one line of text.
-pub(crate) fn told(found: &Found) -> String {
+pub(crate) fn told(found: &FoundModule) -> String {
     let model = found.identity.model.as_deref().unwrap_or("?");
     let checksum = match found.checksum() {
         Some(true) => " sum",

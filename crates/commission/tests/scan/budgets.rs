@@ -2,7 +2,7 @@
 //! is within the budgets, exact in virtual time.
 
 use crate::bench::{Bench, Ran, module};
-use railbus_commission::scan::{Depth, Scope, Wish};
+use railbus_commission::scan::{Depth, ScanOptions, Scope};
 use railbus_device::{Family, Setup};
 use railbus_wire::{Baud, Exchange, Micros, Protocol, ascii, rtu};
 
@@ -59,9 +59,9 @@ fn bench(modules: &[(Setup, u64)]) -> Bench {
 }
 
 fn scope(depth: Depth) -> Scope {
-    let wish = Wish {
+    let wish = ScanOptions {
         depth,
-        ..Wish::default()
+        ..ScanOptions::default()
     };
     Scope::of(&wish, Vec::new())
 }
@@ -151,9 +151,9 @@ fn all_of_two_speeds_are_found_and_no_output_moves() {
         };
         bench.switch_on(&on, setup.serial);
     }
-    let wish = Wish {
+    let wish = ScanOptions {
         bauds: Some(bauds.to_vec()),
-        ..Wish::default()
+        ..ScanOptions::default()
     };
     let ran = bench.scan(Scope::of(&wish, Vec::new()));
     assert_eq!(ran.found, expected(&modules));

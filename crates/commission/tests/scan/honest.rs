@@ -1,7 +1,7 @@
 //! Lines with faults: slow modules, two on one address, and modules that follow no datasheet.
 
 use crate::bench::{Bench, module};
-use railbus_commission::scan::{Detail, Known, LeftOut, Scanner, Scope, Verdict, Wish};
+use railbus_commission::scan::{Detail, Known, LeftOut, ScanOptions, Scanner, Scope, Verdict};
 use railbus_device::{Family, Setup};
 use railbus_sim::{Chance, DurationRange, Faults};
 use railbus_wire::{Address, Baud, Micros, Protocol, Settings};
@@ -11,7 +11,7 @@ fn at_9600(family: Family, address: u8, protocol: Protocol) -> Setup {
 }
 
 fn quick() -> Scope {
-    Scope::of(&Wish::default(), Vec::new())
+    Scope::of(&ScanOptions::default(), Vec::new())
 }
 
 /// Slower than the reply timeout, and not dropping their replies: none is missed, and none is taken
@@ -89,9 +89,9 @@ fn slow_modules_are_found_by_a_longer_wait() {
     bench.add(&at_9600(Family::Eda9060a, 7, Protocol::Ascii), 150);
     bench.add(&at_9600(Family::Eda9050, 9, Protocol::Lc02), 150);
     assert_eq!(bench.scan(quick()).found.len(), 0);
-    let patient = Wish {
+    let patient = ScanOptions {
         silence: Some(Micros::from_millis(200)),
-        ..Wish::default()
+        ..ScanOptions::default()
     };
     assert_eq!(bench.scan(Scope::of(&patient, Vec::new())).found.len(), 2);
 }
@@ -196,7 +196,7 @@ fn known_modules_come_first_and_are_compared() {
         known("tank", Family::Erc8, 3, Baud::B9600),
         known("gone", Family::Erc8, 4, Baud::B9600),
     ];
-    let ran = bench.scan(Scope::of(&Wish::default(), known));
+    let ran = bench.scan(Scope::of(&ScanOptions::default(), known));
     let told: Vec<(Option<&str>, bool)> = ran
         .all
         .iter()
@@ -267,9 +267,9 @@ fn modules_say_what_they_are_where_they_can() {
         (Family::R55, Protocol::R55),
     ];
     let version = env!("CARGO_PKG_VERSION");
-    let describing = Wish {
+    let describing = ScanOptions {
         describes: true,
-        ..Wish::default()
+        ..ScanOptions::default()
     };
     for describes in [false, true] {
         let mut bench = Bench::new();
@@ -287,7 +287,7 @@ fn modules_say_what_they_are_where_they_can() {
         }
         let wish = match describes {
             true => &describing,
-            false => &Wish::default(),
+            false => &ScanOptions::default(),
         };
         let ran = bench.scan(Scope::of(wish, Vec::new()));
         let says = ran

@@ -2,7 +2,7 @@
 //! and the cost of waiting for them.
 
 use crate::bench::{Bench, module};
-use railbus_commission::scan::{Depth, SLOW_TIMEOUT, Scanner, Scope, Step, Wish};
+use railbus_commission::scan::{Depth, SLOW_TIMEOUT, ScanOptions, ScanStep, Scanner, Scope};
 use railbus_device::{Family, Setup};
 use railbus_sim::{Chance, DurationRange, Faults};
 use railbus_wire::{Baud, Micros, Protocol};
@@ -12,16 +12,16 @@ fn at_9600(family: Family, address: u8, protocol: Protocol) -> Setup {
 }
 
 fn quick() -> Scope {
-    Scope::of(&Wish::default(), Vec::new())
+    Scope::of(&ScanOptions::default(), Vec::new())
 }
 
 /// On an otherwise empty line such a module is waited for at its factory settings.
 #[test]
 fn a_slow_module_of_the_factory_is_found_where_nobody_else_is() {
     for depth in [Depth::Quick, Depth::Full, Depth::Deep] {
-        let wish = Wish {
+        let wish = ScanOptions {
             depth,
-            ..Wish::default()
+            ..ScanOptions::default()
         };
         for (family, protocol) in [
             (Family::Eda9060a, Protocol::Ascii),
@@ -60,10 +60,10 @@ fn a_slow_module_of_the_factory_is_found_where_nobody_else_is() {
 /// A scan of few addresses waits for all of them if no other module is found.
 #[test]
 fn the_few_that_are_asked_are_waited_for_where_nobody_is_found() {
-    let wish = Wish {
+    let wish = ScanOptions {
         addresses: Some(vec![5, 6, 7]),
         bauds: Some(vec![Baud::B19200]),
-        ..Wish::default()
+        ..ScanOptions::default()
     };
     let checksum = Setup {
         checksum: true,
@@ -87,18 +87,18 @@ fn the_few_that_are_asked_are_waited_for_where_nobody_is_found() {
 /// not among them.
 #[test]
 fn nobody_is_waited_for_a_few_times() {
-    let wish = |depth, addresses: Option<Vec<u8>>| Wish {
+    let wish = |depth, addresses: Option<Vec<u8>>| ScanOptions {
         depth,
         addresses,
-        ..Wish::default()
+        ..ScanOptions::default()
     };
-    let rtu = |addresses| Wish {
+    let rtu = |addresses| ScanOptions {
         protocols: Some(vec![Protocol::Rtu]),
         ..wish(Depth::Quick, Some(addresses))
     };
-    let patient = Wish {
+    let patient = ScanOptions {
         silence: Some(Micros::from_millis(400)),
-        ..Wish::default()
+        ..ScanOptions::default()
     };
     for (wish, speeds, boards, waits) in [
         (wish(Depth::Quick, None), 1, 1, 3),
@@ -190,7 +190,7 @@ fn a_scan_that_was_broken_off_while_it_waited_goes_on() {
             for asks_one_more in [false, true] {
                 let mut bench = line();
                 let mut scanner = bench.drive(Scanner::new(quick()), questions).scanner;
-                while asks_one_more && matches!(scanner.next(bench.now), Step::Found(_)) {}
+                while asks_one_more && matches!(scanner.next(bench.now), ScanStep::Found(_)) {}
                 let (place, again) = scanner.place();
                 bench.now = bench.now + Micros::from_secs(1);
                 let scanner = Scanner::resume(quick(), place, &again, scanner.found().to_vec());
@@ -234,7 +234,7 @@ fn who_is_found_by_asking_again_is_not_called_slow() {
     // The same if it resumes after an interruption while waiting for the first of two.
     let mut bench = Bench::new();
     let mut scanner = bench.drive(Scanner::new(quick()), 6 * 32 + 2).scanner;
-    assert!(matches!(scanner.next(bench.now), Step::Ask(_)));
+    assert!(matches!(scanner.next(bench.now), ScanStep::Ask(_)));
     let (place, again) = scanner.place();
     bench.add(&at_9600(Family::Eda9060a, 1, Protocol::Lc02), 5);
     bench.add(&at_9600(Family::Eda9060a, 1, Protocol::Rtu), 5);
@@ -267,18 +267,21 @@ fn who_answers_within_the_silence_is_not_called_slow() {
 /// as slow as can be waited for, and the speed low.
 #[test]
 fn who_is_found_by_waiting_is_found_with_the_wait_that_is_suggested() {
-    let few = Wish {
+    let few = ScanOptions {
         addresses: Some(vec![5, 6]),
         bauds: Some(vec![Baud::B2400]),
-        ..Wish::default()
+        ..ScanOptions::default()
     };
-    for (wish, address, baud) in [(Wish::default(), 1, Baud::B9600), (few, 6, Baud::B2400)] {
+    for (wish, address, baud) in [
+        (ScanOptions::default(), 1, Baud::B9600),
+        (few, 6, Baud::B2400),
+    ] {
         let protocols = [Protocol::Ascii, Protocol::Lc02, Protocol::Rtu];
         let found = |silence, protocol| {
             let mut bench = Bench::new();
             // As long as it is waited for, less what the line takes to detect it.
             bench.add_shy(&module(Family::Eda9060a, address, protocol, baud), 297);
-            let wish = Wish {
+            let wish = ScanOptions {
                 silence,
                 ..wish.clone()
             };
@@ -296,10 +299,10 @@ fn who_is_found_by_waiting_is_found_with_the_wait_that_is_suggested() {
 #[test]
 fn the_wait_that_is_suggested_costs_minutes() {
     for (depth, seconds) in [(Depth::Quick, 79), (Depth::Full, 630), (Depth::Deep, 2_459)] {
-        let wish = Wish {
+        let wish = ScanOptions {
             depth,
             silence: Some(SLOW_TIMEOUT),
-            ..Wish::default()
+            ..ScanOptions::default()
         };
         let left = Scanner::new(Scope::of(&wish, Vec::new())).progress().left;
         assert_eq!(left.0 / 1_000_000, seconds, "{depth:?}");

@@ -4,7 +4,7 @@
 
 use crate::bench::told;
 use railbus_bus::Probed;
-use railbus_commission::scan::{Found, Met, Scanner, Scope, Step, Wish};
+use railbus_commission::scan::{FoundModule, ProbeOutcome, ScanOptions, ScanStep, Scanner, Scope};
 use railbus_wire::{Instant, Micros, Protocol};
 
 /// Replies to requests, without address and CRC: `01 0000 0008` for eight coils.
@@ -18,11 +18,11 @@ fn with_crc(address: u8, body: &[u8]) -> Vec<u8> {
 }
 
 /// Scans a line with one slave on it, which answers Modbus at an address.
-fn scan(address: u8, slave: Slave<'_>) -> Vec<Found> {
-    let wish = Wish {
+fn scan(address: u8, slave: Slave<'_>) -> Vec<FoundModule> {
+    let wish = ScanOptions {
         addresses: Some(vec![address]),
         protocols: Some(vec![Protocol::Rtu]),
-        ..Wish::default()
+        ..ScanOptions::default()
     };
     drive(Scope::of(&wish, Vec::new()), &mut |frame| {
         let (crc, asked) = (frame.len() - 2, frame[0]);
@@ -32,14 +32,14 @@ fn scan(address: u8, slave: Slave<'_>) -> Vec<Found> {
     })
 }
 
-fn drive(scope: Scope, line: Slave<'_>) -> Vec<Found> {
+fn drive(scope: Scope, line: Slave<'_>) -> Vec<FoundModule> {
     let mut scanner = Scanner::new(scope);
     let mut now = Instant(0);
     for _ in 0..1_000 {
         let probe = match scanner.next(now) {
-            Step::Done => return scanner.found().to_vec(),
-            Step::Found(_) => continue,
-            Step::Ask(probe) => probe,
+            ScanStep::Done => return scanner.found().to_vec(),
+            ScanStep::Found(_) => continue,
+            ScanStep::Ask(probe) => probe,
         };
         let mut frame = railbus_wire::Frame::new();
         probe.exchange.encode(&mut frame);
@@ -53,7 +53,7 @@ fn drive(scope: Scope, line: Slave<'_>) -> Vec<Found> {
         let after = Micros::from_millis(5);
         scanner.met(
             now,
-            Met {
+            ProbeOutcome {
                 outcome,
                 bytes,
                 after,
@@ -242,10 +242,10 @@ fn a_name_is_compared_whole() {
         ("9050D", "9600 8N1 007 ascii 9050D odd"),
         ("4060", "9600 8N1 007 ascii 4060 odd"),
     ] {
-        let wish = Wish {
+        let wish = ScanOptions {
             addresses: Some(vec![7]),
             protocols: Some(vec![Protocol::Ascii]),
-            ..Wish::default()
+            ..ScanOptions::default()
         };
         let found = drive(Scope::of(&wish, Vec::new()), &mut |frame| {
             let asked = frame.ends_with(b"$07M\r");

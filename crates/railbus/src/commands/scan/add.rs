@@ -9,7 +9,7 @@ use railbus_app::config_file;
 use railbus_app::failure::Failure;
 use railbus_app::render::out;
 use railbus_app::scan::setup;
-use railbus_commission::scan::Found;
+use railbus_commission::scan::FoundModule;
 use railbus_device::Setup;
 use railbus_site::Config;
 use railbus_site::config::add::{NewLine, free_name, with_modules};
@@ -25,7 +25,7 @@ const LINE: &str = "main";
 pub(super) fn add(
     context: &Context,
     place: &Place,
-    found: &[Found],
+    found: &[FoundModule],
     options: &Options,
 ) -> Result<(), Failure> {
     let lang = context.lang;
@@ -121,11 +121,11 @@ fn line_name(config: &Config, line: &str) -> String {
 fn new_modules(
     config: &Config,
     line: &str,
-    found: &[Found],
+    found: &[FoundModule],
     options: &Options,
 ) -> Vec<(String, Setup)> {
     let mut modules: Vec<(String, Setup)> = Vec::new();
-    let mut sorted: Vec<&Found> = found.iter().collect();
+    let mut sorted: Vec<&FoundModule> = found.iter().collect();
     sorted.sort_by_key(|found| found.asked.address);
     for found in sorted {
         let Some(mut setup) = setup(found, options.model) else {

@@ -9,7 +9,7 @@ use railbus_api::types::Outcome;
 use railbus_app::failure::Failure;
 use railbus_app::scan::met;
 use railbus_commission::read_request;
-use railbus_commission::scan::Met;
+use railbus_commission::scan::ProbeOutcome;
 use railbus_host::{LateReply, Line, LineConfig, Probe, Probed};
 use railbus_wire::{Frame, Micros, Protocol};
 use railbus_words::Code;
@@ -40,7 +40,7 @@ impl Asked {
         context: &Context,
         place: &Place,
         probe: Probe,
-    ) -> Result<Met, Failure> {
+    ) -> Result<ProbeOutcome, Failure> {
         match self {
             Asked::Line(line) => {
                 let result = line.probe(probe).await.map(met);
@@ -63,7 +63,7 @@ async fn ask_daemon(
     context: &Context,
     place: &Place,
     probe: &Probe,
-) -> Result<Met, Failure> {
+) -> Result<ProbeOutcome, Failure> {
     let mut frame = Frame::new();
     probe.exchange.encode(&mut frame);
     let request = SendRequest {
@@ -78,7 +78,7 @@ async fn ask_daemon(
     };
     let met = backend.send(&place.line, request).await;
     let met = met.map_err(|problem| context.failure(&problem))?;
-    Ok(Met {
+    Ok(ProbeOutcome {
         outcome: match met.outcome {
             Outcome::Answered => Probed::Answered,
             Outcome::Garbled => Probed::Garbled,

@@ -5,7 +5,9 @@ use crate::commands::Context;
 use crate::commands::place::Place;
 use railbus_app::config_file;
 use railbus_app::failure::Failure;
-use railbus_commission::scan::{Ask, Found, Place as At, Question, Scanner, Scope, Wish};
+use railbus_commission::scan::{
+    FoundModule, ProbeKind, ScanOptions, ScanPosition, ScanProbe, Scanner, Scope,
+};
 use railbus_wire::{Address, Baud, Character, Micros, Settings};
 use railbus_words::Code;
 use railbus_words::hex;
@@ -25,7 +27,7 @@ pub(super) struct Keep {
 }
 
 impl Keep {
-    pub(super) async fn of(context: &Context, place: &Place, wish: &Wish) -> Keep {
+    pub(super) async fn of(context: &Context, place: &Place, wish: &ScanOptions) -> Keep {
         let slug = |c: char| if c.is_ascii_alphanumeric() { c } else { '_' };
         let line: String = place.line.chars().map(slug).take(64).collect();
         Keep {
@@ -83,7 +85,7 @@ async fn folder(context: &Context) -> PathBuf {
 }
 
 /// The line and the options as text, which differs if any of these differs.
-fn options(place: &Place, wish: &Wish) -> String {
+fn options(place: &Place, wish: &ScanOptions) -> String {
     let names = |list: Option<Vec<String>>| list.map_or("-".to_owned(), |list| list.join(","));
     let told = |list: &Option<Vec<u8>>| {
         names(
@@ -133,19 +135,19 @@ fn of_scanner(scanner: &Scanner) -> Value {
 
 fn scanner(kept: &Value, scope: Scope) -> Scanner {
     let number = |key: &str| kept[key].as_u64().and_then(|n| usize::try_from(n).ok());
-    let place = At {
+    let place = ScanPosition {
         run: number("run").unwrap_or_default(),
         asked: number("asked").unwrap_or_default(),
         // Files of older versions don't have it.
         slow: kept["slow"].as_bool().unwrap_or_default(),
     };
     let list = |key: &str| kept[key].as_array().cloned().unwrap_or_default();
-    let first: Vec<Question> = list("first").iter().filter_map(question).collect();
-    let found: Vec<Found> = list("found").iter().filter_map(found).collect();
+    let first: Vec<ScanProbe> = list("first").iter().filter_map(question).collect();
+    let found: Vec<FoundModule> = list("found").iter().filter_map(found).collect();
     Scanner::resume(scope, place, &first, found)
 }
 
-fn of_question(question: &Question) -> Value {
+fn of_question(question: &ScanProbe) -> Value {
     json!({
         "baud": question.settings.baud.rate(),
         "format": question.settings.character.to_string(),
@@ -154,20 +156,20 @@ fn of_question(question: &Question) -> Value {
     })
 }
 
-fn question(kept: &Value) -> Option<Question> {
+fn question(kept: &Value) -> Option<ScanProbe> {
     let format = kept["format"].as_str()?;
     let baud = u32::try_from(kept["baud"].as_u64()?).ok()?;
-    Some(Question {
+    Some(ScanProbe {
         settings: Settings {
             baud: Baud::from_rate(baud)?,
             character: Character::from_name(format)?,
         },
-        ask: Ask::from_name(kept["ask"].as_str()?)?,
+        ask: ProbeKind::from_name(kept["ask"].as_str()?)?,
         address: Address(u8::try_from(kept["address"].as_u64()?).ok()?),
     })
 }
 
-fn of_found(found: &Found) -> Value {
+fn of_found(found: &FoundModule) -> Value {
     let answers = found.answers.iter();
     let answers = answers.map(|(ask, bytes)| json!([ask.name(), hex::spaced(bytes)]));
     let garbled = found.garbled.iter().map(|bytes| hex::spaced(bytes));
@@ -180,18 +182,18 @@ fn of_found(found: &Found) -> Value {
     })
 }
 
-fn found(kept: &Value) -> Option<Found> {
+fn found(kept: &Value) -> Option<FoundModule> {
     let bytes = |text: &Value| Some(hex::parse(text.as_str()?).unwrap_or_default());
-    let answer = |pair: &Value| Some((Ask::from_name(pair[0].as_str()?)?, bytes(&pair[1])?));
+    let answer = |pair: &Value| Some((ProbeKind::from_name(pair[0].as_str()?)?, bytes(&pair[1])?));
     let answers = kept["answers"].as_array()?.iter().map(answer);
     let garbled = kept["garbled"].as_array()?.iter().map(bytes);
-    let found = Found::of(
+    let found = FoundModule::of(
         question(&kept["asked"])?,
         answers.collect::<Option<_>>()?,
         garbled.collect::<Option<_>>()?,
         Micros(kept["rtt_us"].as_u64()?),
     );
-    Some(Found {
+    Some(FoundModule {
         twice: kept["twice"].as_bool()?,
         ..found
     })
@@ -203,18 +205,18 @@ mod tests {
 
     #[test]
     fn what_was_found_is_kept_whole() {
-        let asked = Question {
+        let asked = ScanProbe {
             settings: Settings::FACTORY,
-            ask: Ask::AsciiName(true),
+            ask: ProbeKind::AsciiName(true),
             address: Address(7),
         };
-        let whole = Found {
+        let whole = FoundModule {
             twice: true,
-            ..Found::of(
+            ..FoundModule::of(
                 asked,
                 vec![
                     (asked.ask, b"!079060\r".to_vec()),
-                    (Ask::Coils0, Vec::new()),
+                    (ProbeKind::Coils0, Vec::new()),
                 ],
                 vec![vec![1, 2]],
                 Micros(5),
@@ -226,20 +228,20 @@ mod tests {
 
     #[test]
     fn how_far_it_is_and_that_modules_are_slow_is_kept() {
-        let asked = Question {
+        let asked = ScanProbe {
             settings: Settings::FACTORY,
-            ask: Ask::Coils0,
+            ask: ProbeKind::Coils0,
             address: Address(7),
         };
         let answers = vec![(asked.ask, vec![7, 1, 1, 0])];
-        let found = Found::of(asked, answers, Vec::new(), Micros::from_millis(160));
-        let first = [asked.with(Ask::Lc02Config)];
-        let place = At {
+        let found = FoundModule::of(asked, answers, Vec::new(), Micros::from_millis(160));
+        let first = [asked.with(ProbeKind::Lc02Config)];
+        let place = ScanPosition {
             run: 2,
             asked: 5,
             slow: true,
         };
-        let scope = || Scope::of(&Wish::default(), Vec::new());
+        let scope = || Scope::of(&ScanOptions::default(), Vec::new());
         let whole = Scanner::resume(scope(), place, &first, vec![found]);
         let mut kept = of_scanner(&whole);
         let again = scanner(&kept, scope());
@@ -251,7 +253,7 @@ mod tests {
         let older = scanner(&kept, scope());
         assert_eq!(
             older.place().0,
-            At {
+            ScanPosition {
                 slow: false,
                 ..place
             }

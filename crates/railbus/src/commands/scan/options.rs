@@ -6,7 +6,7 @@ use crate::commands::place::Place;
 use crate::commands::{Context, context};
 use clap::{Arg, ArgAction, ArgGroup, ArgMatches, Command, value_parser};
 use railbus_app::scan::{addresses, ranges};
-use railbus_commission::scan::{Depth, SLOW_TIMEOUT, SPEEDS, Wish};
+use railbus_commission::scan::{Depth, SLOW_TIMEOUT, SPEEDS, ScanOptions};
 use railbus_device::Family;
 use railbus_host::LineName;
 use railbus_wire::{Baud, Character, Micros, Protocol};
@@ -73,7 +73,7 @@ pub(super) fn define(lang: Lang, command: Command) -> Command {
 /// The options of a scan.
 #[derive(Debug)]
 pub(super) struct Options {
-    pub(super) wish: Wish,
+    pub(super) wish: ScanOptions,
     pub(super) follow: bool,
     pub(super) add: bool,
     pub(super) yes: bool,
@@ -115,7 +115,7 @@ impl Options {
         let addresses: Option<&Addresses> = matches.get_one("addr");
         let checksum = matches.get_one::<String>("checksum").map(String::as_str);
         Options {
-            wish: Wish {
+            wish: ScanOptions {
                 depth,
                 line: None,
                 addresses: addresses.map(|chosen| chosen.0.clone()),
@@ -153,7 +153,7 @@ impl Options {
 }
 
 /// The command for the same scan with long timeouts, for slow modules.
-pub(super) fn with_patience(context: &Context, wish: &Wish) -> String {
+pub(super) fn with_patience(context: &Context, wish: &ScanOptions) -> String {
     let ad_hoc = context.options.ad_hoc.as_ref();
     let line = ad_hoc.map(|named| &named.port).or(context.line.as_ref());
     let line = line.map(|line| format!("-l {line}"));

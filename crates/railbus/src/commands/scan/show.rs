@@ -10,7 +10,9 @@ use railbus_app::render::records::{self, Records};
 use railbus_app::render::table::Table;
 use railbus_app::render::{Format, out};
 use railbus_app::scan::{could_be, evidence, ranges};
-use railbus_commission::scan::{Ask, Depth, Detail, Found, LeftOut, Scanner, Verdict, Wish};
+use railbus_commission::scan::{
+    Depth, Detail, FoundModule, LeftOut, ProbeKind, ScanOptions, Scanner, Verdict,
+};
 use railbus_device::Family;
 use railbus_wire::Micros;
 use railbus_words::Lang;
@@ -73,7 +75,7 @@ impl<'c> Live<'c> {
     }
 
     /// Reports a module that was found.
-    pub(super) fn found(&mut self, found: &Found) -> Result<ControlFlow<()>, Failure> {
+    pub(super) fn found(&mut self, found: &FoundModule) -> Result<ControlFlow<()>, Failure> {
         if !self.streams {
             return Ok(ControlFlow::Continue(()));
         }
@@ -135,10 +137,10 @@ impl<'c> Live<'c> {
     }
 
     /// Prints everything found; with a stream, that was printed already.
-    pub(super) fn end(&self, report: &Report, wish: &Wish) -> Result<(), Failure> {
+    pub(super) fn end(&self, report: &Report, wish: &ScanOptions) -> Result<(), Failure> {
         let lang = self.context.lang;
-        let mut found: Vec<&Found> = report.scanner.found().iter().collect();
-        let key = |found: &&Found| (found.asked.settings.baud, found.asked.address.0);
+        let mut found: Vec<&FoundModule> = report.scanner.found().iter().collect();
+        let key = |found: &&FoundModule| (found.asked.settings.baud, found.asked.address.0);
         found.sort_by_key(|found| (key(found), found.protocol()));
         match self.context.format {
             Format::Ndjson => out::result(lang, &ended(self.place, report))?,
@@ -165,7 +167,7 @@ impl<'c> Live<'c> {
     }
 
     /// The result in words, and what to do next.
-    fn sum_up(&self, report: &Report, wish: &Wish) {
+    fn sum_up(&self, report: &Report, wish: &ScanOptions) {
         let (lang, scanner) = (self.context.lang, &report.scanner);
         let found = scanner.found();
         let conflicts = conflicts(scanner);
@@ -245,7 +247,7 @@ fn conflicts(scanner: &Scanner) -> Vec<u8> {
 }
 
 /// A module as an event of the stream.
-fn event(place: &Place, found: &Found) -> String {
+fn event(place: &Place, found: &FoundModule) -> String {
     let mut row = row(place, found);
     row["ev"] = "found".into();
     records::line(row)
@@ -287,7 +289,7 @@ fn left_out(left: &LeftOut) -> Value {
     })
 }
 
-fn row(place: &Place, found: &Found) -> Value {
+fn row(place: &Place, found: &FoundModule) -> Value {
     let format = found.asked.settings.character.to_string();
     let mut row = json!({
         "line": place.line,
@@ -312,7 +314,7 @@ fn row(place: &Place, found: &Found) -> Value {
     row
 }
 
-fn listed(lang: Lang, place: &Place, found: &[&Found], speeds: bool) -> Records {
+fn listed(lang: Lang, place: &Place, found: &[&FoundModule], speeds: bool) -> Records {
     let head = match speeds {
         true => ScanText::SpeedHead,
         false => ScanText::Head,
@@ -339,7 +341,7 @@ fn listed(lang: Lang, place: &Place, found: &[&Found], speeds: bool) -> Records 
 }
 
 /// The cells of a module's row.
-fn cells(lang: Lang, found: &Found, speeds: bool) -> Vec<String> {
+fn cells(lang: Lang, found: &FoundModule, speeds: bool) -> Vec<String> {
     let model = found.identity.model.clone();
     let rtt = match found.answers.is_empty() {
         true => "–".to_owned(),
@@ -373,7 +375,7 @@ fn cells(lang: Lang, found: &Found, speeds: bool) -> Vec<String> {
     speed.into_iter().chain(rest).collect()
 }
 
-fn detail(lang: Lang, found: &Found) -> String {
+fn detail(lang: Lang, found: &FoundModule) -> String {
     let checksum = found.checksum().map(|on| {
         lang.get(match on {
             true => ScanText::ChecksumOn,
@@ -425,7 +427,7 @@ fn row_of(cells: &[String]) -> String {
 fn left_part(lang: Lang, left: &LeftOut) -> String {
     let settings = left.settings;
     let proto = match left.ask {
-        Ask::AsciiName(true) => lang.get(ScanText::AsciiWithChecksum),
+        ProbeKind::AsciiName(true) => lang.get(ScanText::AsciiWithChecksum),
         ask => ask.protocol().name(),
     };
     let addresses = ranges(&left.addresses);
