@@ -15,7 +15,7 @@ const LEN_MAX: u64 = 1 << 20;
 
 /// A configuration and its path.
 #[derive(Debug)]
-pub struct Found {
+pub struct FoundConfig {
     /// The file.
     pub path: PathBuf,
     /// Its content.
@@ -24,12 +24,12 @@ pub struct Found {
 
 /// Reads the configuration: the given one, or else the first of `$RAILBUS_CONFIG`, `railbus.toml`
 /// here or in a parent, the user's own, and the system's.
-pub fn read(lang: Lang, named: Option<&Path>) -> Result<Found, Problem> {
+pub fn read(lang: Lang, named: Option<&Path>) -> Result<FoundConfig, Problem> {
     let path = path(named)?;
     let text = text_of(&path)?;
     let config = Config::parse(&text)
         .map_err(|problems| bad_config(lang, &path.display().to_string(), &problems))?;
-    Ok(Found { path, config })
+    Ok(FoundConfig { path, config })
 }
 
 /// The path of the configuration that [`read`] reads.
@@ -56,7 +56,7 @@ pub fn text_of(path: &Path) -> Result<String, Problem> {
 
 /// Why this configuration is used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Why {
+pub enum ConfigOrigin {
     /// Given by a flag.
     Flag,
     /// Given by `RAILBUS_CONFIG`.
@@ -67,30 +67,30 @@ pub enum Why {
     Daemon,
 }
 
-impl Why {
+impl ConfigOrigin {
     /// The name in JSON.
     pub const fn name(self) -> &'static str {
         match self {
-            Why::Flag => "flag",
-            Why::Environment => "environment",
-            Why::Place => "place",
-            Why::Daemon => "daemon",
+            ConfigOrigin::Flag => "flag",
+            ConfigOrigin::Environment => "environment",
+            ConfigOrigin::Place => "place",
+            ConfigOrigin::Daemon => "daemon",
         }
     }
 }
 
 /// The configuration to use: the given one, that of the environment, or the first existing one of
 /// the usual places.
-pub fn chosen(named: Option<&Path>) -> Result<(PathBuf, Why), Problem> {
+pub fn chosen(named: Option<&Path>) -> Result<(PathBuf, ConfigOrigin), Problem> {
     if let Some(path) = named {
-        return Ok((path.to_owned(), Why::Flag));
+        return Ok((path.to_owned(), ConfigOrigin::Flag));
     }
     if let Some(path) = std::env::var_os("RAILBUS_CONFIG").filter(|path| !path.is_empty()) {
-        return Ok((path.into(), Why::Environment));
+        return Ok((path.into(), ConfigOrigin::Environment));
     }
     let places = places();
     match places.iter().find(|path| path.is_file()) {
-        Some(path) => Ok((path.clone(), Why::Place)),
+        Some(path) => Ok((path.clone(), ConfigOrigin::Place)),
         None => {
             let looked: Vec<String> = places.iter().map(|p| p.display().to_string()).collect();
             let problem = Problem::new(codes::NO_CONFIG).with("looked", looked);

@@ -14,7 +14,7 @@ use crate::config_file;
 use crate::machine::Machine;
 use crate::machine::users::User;
 pub use daemon::outlets;
-pub use finding::{Finding, Section, State};
+pub use finding::{CheckState, Finding, Section};
 use jiff::Timestamp;
 use railbus_api::outlets::OutletInfo;
 use railbus_api::types::{LineInfo, ModuleInfo, PointInfo};
@@ -31,7 +31,7 @@ pub fn of_daemon(
     points: &[PointInfo],
     certificate: Option<(String, Option<Timestamp>)>,
     integrations: &[OutletInfo],
-    config: &config_file::Found,
+    config: &config_file::FoundConfig,
 ) -> Vec<serde_json::Value> {
     let machine = Machine::this();
     let user = User::this(&machine);
@@ -50,7 +50,7 @@ pub fn of_daemon(
 }
 
 /// The findings about a configuration without errors.
-pub fn of_config(lang: Lang, machine: &Machine, found: &config_file::Found) -> Vec<Finding> {
+pub fn of_config(lang: Lang, machine: &Machine, found: &config_file::FoundConfig) -> Vec<Finding> {
     let text = config_file::text_of(&found.path).unwrap_or_default();
     let warnings = config_check::lints(machine, &found.config);
     let mut findings: Vec<Finding> = warnings

@@ -159,7 +159,7 @@ async fn examine(State(site): State<Site>, asked: Asked, headers: HeaderMap) -> 
     let points = ask::points(&site.service, &[]);
     let certificate = site.tls.as_ref().map(|tls| tls.expiry());
     let outlets = outlets(&site, &headers);
-    let config = config_file::Found {
+    let config = config_file::FoundConfig {
         config: (*site.service.config()).clone(),
         path: site.desk.file().to_owned(),
     };

@@ -78,7 +78,7 @@ use northbound::Northbound;
 use notify::Notify;
 use railbus_api::problem::Problem;
 use railbus_app::api::failures::bad_config;
-use railbus_app::config_file::{self, Found};
+use railbus_app::config_file::{self, FoundConfig};
 use railbus_app::failure::Failure;
 use railbus_app::render::{Format, out, records};
 use railbus_app::socket::{self, Socket};
@@ -191,7 +191,7 @@ fn system(lang: Lang, error: impl ToString) -> Failure {
 ///
 /// # Errors
 /// There is none, it can't be read, or something is wrong with it.
-pub fn read_config(lang: Lang, named: Option<&Path>) -> Result<Found, Problem> {
+pub fn read_config(lang: Lang, named: Option<&Path>) -> Result<FoundConfig, Problem> {
     let found = config_file::read(lang, named)?;
     let text = config_file::text_of(&found.path)?;
     let name = found.path.display().to_string();

@@ -14,7 +14,7 @@ use railbus_api::types::{
     PulseRequest, Pulsed, ToggleRequest, WatchEvent, WriteRequest, Written,
 };
 use railbus_app::api::{convert, failures};
-use railbus_app::config_file::{self, Why};
+use railbus_app::config_file::{self, ConfigOrigin};
 pub(crate) use railbus_client::{Borrowed, DaemonClient, Frames, Resolution};
 use railbus_device::{Family, Layout};
 use railbus_host::Tap;
@@ -220,7 +220,7 @@ impl Backend {
             };
         }
         match (refused, why) {
-            (Some(problem), Why::Place) => Err(problem),
+            (Some(problem), ConfigOrigin::Place) => Err(problem),
             _ => Ok(None),
         }
     }

@@ -29,7 +29,6 @@ const KNOWN: &[(&str, usize)] = &[
     ("Events", 2),
     ("Failure", 2),
     ("Fault", 2),
-    ("Found", 2),
     ("Frame", 2),
     ("Heard", 2),
     ("Keeper", 2),
@@ -39,7 +38,6 @@ const KNOWN: &[(&str, usize)] = &[
     ("ModuleId", 2),
     ("Past", 2),
     ("Place", 2),
-    ("Plan", 2),
     ("Problem", 2),
     ("Pulse", 2),
     ("Quality", 2),
@@ -49,11 +47,9 @@ const KNOWN: &[(&str, usize)] = &[
     ("Refused", 2),
     ("Rules", 2),
     ("Settings", 2),
-    ("State", 2),
     ("Step", 2),
     ("Store", 2),
     ("Value", 2),
-    ("Why", 2),
 ];
 
 /// Where a public type is defined.

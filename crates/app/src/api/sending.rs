@@ -29,7 +29,7 @@ pub const OVERRIDE: &str = "override";
 
 /// A raw frame, and what it may do.
 #[derive(Debug)]
-pub struct Plan {
+pub struct RawSend {
     line: String,
     bytes: Vec<u8>,
     asked: Exchange<'static>,
@@ -38,7 +38,7 @@ pub struct Plan {
     pub told: SendPlan,
 }
 
-impl Plan {
+impl RawSend {
     /// Whether it may change something.
     fn changes(&self) -> bool {
         !self.told.needs.is_empty()
@@ -74,7 +74,7 @@ pub fn plan(
     lang: Lang,
     line: &str,
     wanted: &SendRequest,
-) -> Result<Plan, Problem> {
+) -> Result<RawSend, Problem> {
     let config = service.config();
     let Some(of_line) = config.lines.get(line) else {
         return Err(failures::no_such_line(service, line));
@@ -135,7 +135,7 @@ pub fn plan(
         overrides,
         needs,
     };
-    Ok(Plan {
+    Ok(RawSend {
         line: line.to_owned(),
         bytes,
         asked,
@@ -145,13 +145,13 @@ pub fn plan(
 }
 
 /// Refuses a frame whose effects this handle's rights do not cover.
-pub fn check_rights(service: &Service, plan: &Plan) -> Result<(), Problem> {
+pub fn check_rights(service: &Service, plan: &RawSend) -> Result<(), Problem> {
     let refused = |failure| failures::of_line(service, &plan.line, &failure);
     service.may_send(&plan.line, &plan.asked).map_err(refused)
 }
 
 /// Refuses a frame whose effects are not confirmed.
-pub fn check_meant(plan: &Plan, wanted: &SendRequest) -> Result<(), Problem> {
+pub fn check_meant(plan: &RawSend, wanted: &SendRequest) -> Result<(), Problem> {
     let told = &plan.told;
     if told.needs.iter().all(|need| wanted.confirm.contains(need)) {
         return Ok(());
@@ -163,7 +163,11 @@ pub fn check_meant(plan: &Plan, wanted: &SendRequest) -> Result<(), Problem> {
 }
 
 /// Sends it, and returns the result.
-pub async fn carry_out(service: &Service, lang: Lang, plan: Plan) -> Result<SendAnswer, Problem> {
+pub async fn carry_out(
+    service: &Service,
+    lang: Lang,
+    plan: RawSend,
+) -> Result<SendAnswer, Problem> {
     let (line, asked) = (plan.line.as_str(), plan.asked);
     let failed = |failure: Failure| Problem {
         may_have_acted: plan.changes() && failure.may_have_acted(),

@@ -42,7 +42,7 @@ impl Section {
 
 /// The severity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum State {
+pub enum CheckState {
     /// All is well.
     Ok,
     /// It works, and may not for long.
@@ -51,13 +51,13 @@ pub enum State {
     Error,
 }
 
-impl State {
+impl CheckState {
     /// The name in JSON.
     pub const fn name(self) -> &'static str {
         match self {
-            State::Ok => "ok",
-            State::Warning => "warning",
-            State::Error => "error",
+            CheckState::Ok => "ok",
+            CheckState::Warning => "warning",
+            CheckState::Error => "error",
         }
     }
 }
@@ -68,7 +68,7 @@ pub struct Finding {
     /// Its section.
     pub section: Section,
     /// Its severity.
-    pub state: State,
+    pub state: CheckState,
     /// Its code; `None` if all is well.
     pub code: Option<&'static str>,
     /// The facts of this case; the whole text if all is well.
@@ -84,7 +84,7 @@ impl Finding {
     pub fn good(section: Section, text: String) -> Finding {
         Finding {
             section,
-            state: State::Ok,
+            state: CheckState::Ok,
             code: None,
             detail: text,
             fix: Vec::new(),
@@ -95,7 +95,7 @@ impl Finding {
     /// A warning of this code.
     pub fn warning(section: Section, code: &'static str, detail: String) -> Finding {
         Finding {
-            state: State::Warning,
+            state: CheckState::Warning,
             code: Some(code),
             ..Finding::good(section, detail)
         }
@@ -104,7 +104,7 @@ impl Finding {
     /// An error of this code.
     pub fn error(section: Section, code: &'static str, detail: String) -> Finding {
         Finding {
-            state: State::Error,
+            state: CheckState::Error,
             ..Finding::warning(section, code, detail)
         }
     }

@@ -9,7 +9,7 @@ use super::Context;
 use crate::args;
 use clap::{ArgMatches, Command};
 use railbus_app::config_check::{Shown, lints, loads};
-use railbus_app::config_file::{self, Found, Why};
+use railbus_app::config_file::{self, ConfigOrigin, FoundConfig};
 use railbus_app::failure::Failure;
 use railbus_app::machine::Machine;
 use railbus_app::render::records::Records;
@@ -79,10 +79,10 @@ pub(super) fn run_path(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> 
     let context = Context::of(lang, matches)?;
     let (path, why) = context.config()?;
     let told = lang.get(match why {
-        Why::Flag => ConfigCheckText::ByFlag,
-        Why::Environment => ConfigCheckText::ByEnvironment,
-        Why::Place => ConfigCheckText::ByPlace,
-        Why::Daemon => ConfigCheckText::ByDaemon,
+        ConfigOrigin::Flag => ConfigCheckText::ByFlag,
+        ConfigOrigin::Environment => ConfigCheckText::ByEnvironment,
+        ConfigOrigin::Place => ConfigCheckText::ByPlace,
+        ConfigOrigin::Daemon => ConfigCheckText::ByDaemon,
     });
     let path = path.display().to_string();
     let mut table = Table::bare();
@@ -97,7 +97,7 @@ pub(super) fn run_path(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> 
     out::result(lang, &records.render(context.format))
 }
 
-fn read(context: &Context) -> Result<Found, Failure> {
+fn read(context: &Context) -> Result<FoundConfig, Failure> {
     let (path, _) = context.config()?;
     let found = railbus_gateway::read_config(context.lang, Some(&path));
     found.map_err(|problem| context.failure(&problem))

@@ -8,7 +8,7 @@ use clap::builder::FalseyValueParser;
 use clap::{Arg, ArgAction, ArgMatches, value_parser};
 use railbus_api::problem::Problem;
 use railbus_app::address;
-use railbus_app::config_file::{self, Why};
+use railbus_app::config_file::{self, ConfigOrigin};
 use railbus_app::failure::Failure;
 use railbus_app::render::Format;
 use railbus_app::render::colour::{Colour, Paint};
@@ -222,13 +222,13 @@ impl Context {
 
     /// The configuration for commands that only read it, and why it is that one: the one found
     /// here, or else that of the daemon.
-    pub(crate) fn config(&self) -> Result<(PathBuf, Why), Failure> {
+    pub(crate) fn config(&self) -> Result<(PathBuf, ConfigOrigin), Failure> {
         let own = config_file::chosen(self.options.config.as_deref());
         if self.options.socket.is_none() && (own.is_ok() || self.options.direct) {
             return own.map_err(|problem| self.failure(&problem));
         }
         match (self.block(self.daemon())?, own) {
-            (Some(daemon), _) => Ok((daemon.config().to_owned(), Why::Daemon)),
+            (Some(daemon), _) => Ok((daemon.config().to_owned(), ConfigOrigin::Daemon)),
             (None, own) => own.map_err(|problem| self.failure(&problem)),
         }
     }

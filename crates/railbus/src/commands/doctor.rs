@@ -16,7 +16,7 @@ use clap::{Arg, ArgAction, ArgMatches, Command};
 use jiff::Timestamp;
 use railbus_app::config_file;
 pub(in crate::commands) use railbus_app::doctor::line::Chosen;
-use railbus_app::doctor::{Finding, Section, State, line, of_config, port, system};
+use railbus_app::doctor::{CheckState, Finding, Section, line, of_config, port, system};
 use railbus_app::failure::Failure;
 use railbus_app::machine::Machine;
 use railbus_app::machine::users::User;
@@ -82,14 +82,14 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     }
     let errors = found
         .iter()
-        .filter(|finding| finding.state == State::Error)
+        .filter(|finding| finding.state == CheckState::Error)
         .count();
     if errors == 0 {
         return Ok(());
     }
     let codes: Vec<&str> = found
         .iter()
-        .filter(|finding| finding.state == State::Error)
+        .filter(|finding| finding.state == CheckState::Error)
         .filter_map(|finding| finding.code)
         .collect();
     let message = lang.fill(DoctorText::Unhealthy, &[("errors", &errors)]);

@@ -3,7 +3,7 @@
 use super::texts::ConfigText;
 use crate::backend::{Borrowed, DaemonClient};
 use crate::commands::Context;
-use railbus_app::config_file::{self, Why};
+use railbus_app::config_file::{self, ConfigOrigin};
 use railbus_app::failure::Failure;
 use railbus_host::LineName;
 
@@ -25,7 +25,7 @@ pub(super) async fn borrow(
     // of its site.
     let is_port = options.ad_hoc.is_some();
     let file = config_file::chosen(options.config.as_deref()).ok();
-    let file = file.filter(|(_, why)| !is_port && *why != Why::Place);
+    let file = file.filter(|(_, why)| !is_port && *why != ConfigOrigin::Place);
     let mut failed = None;
     for daemon in daemons {
         match daemon {

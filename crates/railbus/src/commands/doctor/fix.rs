@@ -2,7 +2,7 @@
 
 use super::texts::DoctorText;
 use crate::commands::Context;
-use railbus_app::doctor::{Finding, State};
+use railbus_app::doctor::{CheckState, Finding};
 use railbus_app::failure::Failure;
 use railbus_app::render::out;
 use railbus_words::Code;
@@ -11,7 +11,9 @@ use std::process::{Command, Stdio};
 
 pub(super) fn run(context: &Context, found: &[Finding], yes: bool) -> Result<(), Failure> {
     let lang = context.lang;
-    let bad = found.iter().filter(|finding| finding.state != State::Ok);
+    let bad = found
+        .iter()
+        .filter(|finding| finding.state != CheckState::Ok);
     let commands: Vec<&String> = bad.flat_map(|finding| &finding.fix).collect();
     if commands.is_empty() {
         context.note(lang.get(DoctorText::NothingToFix));

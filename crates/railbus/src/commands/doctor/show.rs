@@ -2,7 +2,7 @@
 
 use super::texts::DoctorText;
 use crate::commands::Context;
-use railbus_app::doctor::{Finding, Section, State};
+use railbus_app::doctor::{CheckState, Finding, Section};
 use railbus_app::failure::Failure;
 use railbus_app::render::colour::Paint;
 use railbus_app::render::records::Records;
@@ -15,8 +15,8 @@ use serde_json::json;
 
 pub(super) fn result(context: &Context, found: &[Finding]) -> Result<(), Failure> {
     let lang = context.lang;
-    let count = |state: State| found.iter().filter(|f| f.state == state).count();
-    let (errors, warnings) = (count(State::Error), count(State::Warning));
+    let count = |state: CheckState| found.iter().filter(|f| f.state == state).count();
+    let (errors, warnings) = (count(CheckState::Error), count(CheckState::Warning));
     let rows = || {
         found
             .iter()
@@ -73,9 +73,9 @@ fn page(lang: Lang, found: &[Finding], paint: Paint) -> String {
         };
         last = Some(finding.section);
         let mark = match finding.state {
-            State::Ok => paint.good("✓"),
-            State::Warning => paint.doubtful("!"),
-            State::Error => paint.bad("✗"),
+            CheckState::Ok => paint.good("✓"),
+            CheckState::Warning => paint.doubtful("!"),
+            CheckState::Error => paint.bad("✗"),
         };
         let code = finding
             .code
