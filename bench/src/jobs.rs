@@ -277,7 +277,7 @@ fn rtu_client_write(rx: &[u8], out: &mut Frame) -> Option<u32> {
 }
 
 fn ascii_server(rx: &[u8], out: &mut Frame) -> Option<u32> {
-    const RULES: ascii::Rules = ascii::Rules {
+    const RULES: ascii::DecodeRules = ascii::DecodeRules {
         checksum: true,
         lower_case: false,
     };

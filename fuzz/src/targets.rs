@@ -62,7 +62,7 @@ pub fn rtu_response(data: &[u8]) {
 /// An ASCII request under every rule.
 pub fn ascii_request(data: &[u8]) {
     let (choice, rx) = split(data);
-    let rules = ascii::Rules {
+    let rules = ascii::DecodeRules {
         checksum: choice[0] & 1 == 1,
         lower_case: choice[0] & 2 == 2,
     };

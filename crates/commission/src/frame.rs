@@ -30,7 +30,7 @@ fn readings(protocol: Protocol, bytes: &[u8]) -> impl Iterator<Item = Exchange<'
             [whole.map(Exchange::R55), None]
         }
         Protocol::Ascii => [false, true].map(|checksum| {
-            let rules = ascii::Rules {
+            let rules = ascii::DecodeRules {
                 checksum,
                 lower_case: false,
             };

@@ -383,7 +383,7 @@ impl Engine {
     }
 
     fn hear_ascii(&mut self, byte: u8) {
-        let rules = ascii::Rules {
+        let rules = ascii::DecodeRules {
             checksum: self.state.active.checksum,
             lower_case: self.state.options.lower_case,
         };

@@ -174,7 +174,7 @@ fn read_request(protocol: Protocol, checksum: bool, bytes: &[u8]) -> Option<Exch
             _ => None,
         },
         Protocol::Ascii => {
-            let rules = ascii::Rules {
+            let rules = ascii::DecodeRules {
                 checksum,
                 lower_case: true,
             };

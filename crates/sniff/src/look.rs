@@ -258,7 +258,7 @@ fn of_ascii(look: &mut Look, rx: &[u8], line: Line, pending: Option<&Exchange<'_
     };
     let Some(rx) = rx.get(..len) else { return };
     for checksum in [true, false] {
-        let rules = ascii::Rules {
+        let rules = ascii::DecodeRules {
             checksum,
             lower_case: true,
         };
@@ -291,7 +291,7 @@ fn of_ascii(look: &mut Look, rx: &[u8], line: Line, pending: Option<&Exchange<'_
         } else {
             FrameRole::Request
         };
-        let rules = ascii::Rules {
+        let rules = ascii::DecodeRules {
             checksum: false,
             lower_case: true,
         };

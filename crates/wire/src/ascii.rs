@@ -10,7 +10,7 @@ mod device;
 mod reply;
 mod text;
 
-pub use device::{Rules, address_of};
+pub use device::{DecodeRules, address_of};
 pub use text::Text;
 
 /// The end of every frame.

@@ -17,7 +17,7 @@ pub fn carries_command(bytes: &[u8], protocol: Protocol) -> bool {
         Protocol::Lc02 => found(&|rest| whole(&lc02::Exchange::decode_request(rest))),
         Protocol::Ascii => found(&|rest| {
             [true, false].into_iter().any(|checksum| {
-                let rules = ascii::Rules {
+                let rules = ascii::DecodeRules {
                     checksum,
                     lower_case: true,
                 };

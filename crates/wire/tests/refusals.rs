@@ -299,7 +299,7 @@ mod rtu_frames {
 
 mod ascii_frames {
     use super::*;
-    use railbus_wire::ascii::{Exchange, Request, Response, Rules, Text};
+    use railbus_wire::ascii::{DecodeRules, Exchange, Request, Response, Text};
 
     const WRITE: Request = Request::WriteOutputs { order: 0, data: 5 };
 
@@ -453,7 +453,7 @@ mod ascii_frames {
             (false, "$016BB\r", M::Function),
         ];
         for (checksum, rx, why) in rows {
-            let rules = Rules {
+            let rules = DecodeRules {
                 checksum,
                 lower_case: false,
             };
@@ -468,7 +468,7 @@ mod ascii_frames {
     /// The switch of [EDA §2.8] takes lower case, in the checksum too.
     #[test]
     fn lower_case_requests() {
-        let rules = |checksum| Rules {
+        let rules = |checksum| DecodeRules {
             checksum,
             lower_case: true,
         };
@@ -483,7 +483,7 @@ mod ascii_frames {
     /// [EDA §2.9]: 32 characters and the CR are the most.
     #[test]
     fn endless_frames() {
-        let rules = Rules {
+        let rules = DecodeRules {
             checksum: false,
             lower_case: false,
         };

@@ -252,7 +252,7 @@ fn what_is_missing_of_a_modbus_request_is_told() {
 /// A frame that is no request still names its module if it arrived whole.
 #[test]
 fn addresses_of_frames_that_are_no_requests() {
-    let rules = |checksum| ascii::Rules {
+    let rules = |checksum| ascii::DecodeRules {
         checksum,
         lower_case: false,
     };

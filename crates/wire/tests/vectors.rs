@@ -75,8 +75,8 @@ impl Vector {
         self.kind != Kind::Ascii || self.fields["checksum"] == true
     }
 
-    fn rules(&self) -> ascii::Rules {
-        ascii::Rules {
+    fn rules(&self) -> ascii::DecodeRules {
+        ascii::DecodeRules {
             checksum: self.has_checksum(),
             lower_case: false,
         }

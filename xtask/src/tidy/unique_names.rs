@@ -45,7 +45,6 @@ const KNOWN: &[(&str, usize)] = &[
     ("Reason", 2),
     ("Record", 2),
     ("Refused", 2),
-    ("Rules", 2),
     ("Settings", 2),
     ("Step", 2),
     ("Store", 2),

@@ -146,7 +146,7 @@ fn requests(heard: &[u8]) -> usize {
 }
 
 fn request_len(rest: &[u8]) -> Option<usize> {
-    let rules = |checksum| ascii::Rules {
+    let rules = |checksum| ascii::DecodeRules {
         checksum,
         lower_case: true,
     };

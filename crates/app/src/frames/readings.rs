@@ -207,7 +207,7 @@ fn request<'a>(
             _ => None,
         },
         Protocol::Ascii => {
-            let rules = ascii::Rules {
+            let rules = ascii::DecodeRules {
                 checksum: matches!(check, Check::Right(_)),
                 lower_case: true,
             };

@@ -353,7 +353,7 @@ fn make_command(before: &[u8], next: &[u8]) -> bool {
     (1..before.len()).any(|skip| {
         let rest = joined.bytes().get(skip..).unwrap_or_default();
         let in_both = |len: Option<usize>| len.is_some_and(|len| skip + len > before.len());
-        let rules = |checksum| ascii::Rules {
+        let rules = |checksum| ascii::DecodeRules {
             checksum,
             lower_case: true,
         };

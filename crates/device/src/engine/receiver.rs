@@ -70,7 +70,7 @@ impl Receiver {
     pub(super) fn push_ascii(
         &mut self,
         byte: u8,
-        rules: ascii::Rules,
+        rules: ascii::DecodeRules,
     ) -> Option<Result<ascii::Exchange, Option<Address>>> {
         match byte {
             b'$' | b'%' | b'#' | b'@' | b'~' => self.heard.clear(),

@@ -134,7 +134,7 @@ fn asked(bytes: &[u8]) -> Option<Exchange<'_>> {
         return Some(Exchange::Lc02(value));
     }
     for checksum in [false, true] {
-        let rules = ascii::Rules {
+        let rules = ascii::DecodeRules {
             checksum,
             lower_case: true,
         };

@@ -6,7 +6,7 @@ use crate::{Address, Decoded, Malformed, PulseWidth};
 
 /// How strictly a module decodes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Rules {
+pub struct DecodeRules {
     /// Frames must carry a checksum.
     pub checksum: bool,
     /// Hexadecimal digits a to f are accepted too. Off by default [EDA §2.8].
@@ -16,7 +16,7 @@ pub struct Rules {
 impl Exchange {
     /// Decodes the beginning of `rx`, which starts with a delimiter, as a request.
     #[inline]
-    pub fn decode_request(rx: &[u8], rules: Rules) -> Decoded<Exchange> {
+    pub fn decode_request(rx: &[u8], rules: DecodeRules) -> Decoded<Exchange> {
         match rx.first() {
             None => return Decoded::Partial { more: 4 },
             Some(b'$' | b'%' | b'#' | b'@' | b'~') => {}
@@ -40,7 +40,7 @@ impl Exchange {
 
 /// Decodes a request.
 #[inline]
-fn parse(line: Line<'_>, rules: Rules) -> Result<Exchange, Malformed> {
+fn parse(line: Line<'_>, rules: DecodeRules) -> Result<Exchange, Malformed> {
     let text = line.unsealed(rules.checksum, rules.lower_case)?;
     let checksum = rules.checksum;
     let [delimiter, high, low, body @ ..] = text else {
@@ -134,7 +134,7 @@ fn bytes(digits: &[u8], lower_case: bool) -> Result<[u8; 4], Malformed> {
 /// The address in a frame that ends with CR but is not a request, if its checksum is correct: so
 /// that a module can answer `?AA`.
 #[must_use]
-pub fn address_of(frame: &[u8], rules: Rules) -> Option<Address> {
+pub fn address_of(frame: &[u8], rules: DecodeRules) -> Option<Address> {
     let line = Line::first(frame)?;
     let text = line.unsealed(rules.checksum, rules.lower_case).ok()?;
     match *text {

@@ -150,7 +150,7 @@ impl Case {
         match self {
             Case::Rtu(_) => rtu::Exchange::decode_request(rx).map(Exchange::Rtu),
             Case::Ascii(exchange, ..) => {
-                let rules = ascii::Rules {
+                let rules = ascii::DecodeRules {
                     checksum: exchange.checksum,
                     lower_case: false,
                 };
