@@ -1,10 +1,10 @@
 //! Frames on the line: their meaning in words, for programs and in capture files.
 
+pub mod decodings;
 mod facts;
 mod json;
 pub mod meaning;
 pub mod packet;
-pub mod readings;
 mod texts;
 pub mod words;
 

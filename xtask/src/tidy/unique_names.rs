@@ -41,7 +41,6 @@ const KNOWN: &[(&str, usize)] = &[
     ("Problem", 2),
     ("Pulse", 2),
     ("Quality", 2),
-    ("Reading", 2),
     ("Reason", 2),
     ("Record", 2),
     ("Refused", 2),

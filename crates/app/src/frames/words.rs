@@ -1,7 +1,7 @@
 //! Frames on the line, in words.
 
 use super::texts::FrameText;
-use super::{meaning, readings};
+use super::{decodings, meaning};
 use railbus_sniff::{Asked, Flaw, Frame, FrameRole, FrameVerdict, Heard, Reading};
 use railbus_wire::{Micros, Protocol};
 use railbus_words::Lang;
@@ -90,7 +90,7 @@ fn hex(bytes: Option<&[u8]>) -> String {
 fn flawed(lang: Lang, frame: &Frame, reading: &Reading, flaw: Flaw) -> String {
     let count = frame.bytes.len();
     match flaw {
-        Flaw::Checksum => match readings::wrong_check(reading.protocol, &frame.bytes) {
+        Flaw::Checksum => match decodings::wrong_check(reading.protocol, &frame.bytes) {
             Some((is, should)) => {
                 let values: &[(&str, &dyn std::fmt::Display)] = &[("is", &is), ("should", &should)];
                 lang.fill(FrameText::WrongChecksum, values)

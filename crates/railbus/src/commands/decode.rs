@@ -7,7 +7,7 @@ use crate::args;
 use crate::texts::Text;
 use clap::{Arg, ArgAction, ArgMatches, Command, value_parser};
 use railbus_app::failure::Failure;
-use railbus_app::frames::readings::{Check, Reading};
+use railbus_app::frames::decodings::{Check, Decoding};
 use railbus_app::render::records;
 use railbus_app::render::{Format, out};
 use railbus_app::texts::AppText;
@@ -43,7 +43,7 @@ pub(crate) fn define(lang: Lang) -> Command {
         .arg(args::flag(lang, "all", Text::DecodeAll).action(ArgAction::SetTrue))
 }
 
-/// Prints the possible readings, best first.
+/// Prints the possible decodings, best first.
 pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
     if let Some(file) = matches.get_one::<PathBuf>("file") {
@@ -62,11 +62,11 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let mut bad = None;
     for frame in frames {
         let bytes = hex::parse(&frame).ok_or_else(|| no_bytes(lang, &frame))?;
-        let readings = railbus_app::frames::readings::of(lang, &bytes);
+        let decodings = railbus_app::frames::decodings::of(lang, &bytes);
         let all = matches.get_flag("all");
-        let shown = show(&context, &bytes, &readings, all);
+        let shown = show(&context, &bytes, &decodings, all);
         out::result(lang, &shown)?;
-        if !readings.first().is_some_and(Reading::is_good) {
+        if !decodings.first().is_some_and(Decoding::is_good) {
             bad = Some(bytes);
         }
     }
@@ -94,31 +94,32 @@ fn standard_input(lang: Lang) -> Result<Vec<String>, Failure> {
     Ok(lines.map(str::to_owned).collect())
 }
 
-fn show(context: &Context, bytes: &[u8], readings: &[Reading], all: bool) -> String {
+fn show(context: &Context, bytes: &[u8], decodings: &[Decoding], all: bool) -> String {
     let lang = context.lang;
     let known = known::find(bytes);
     if context.format.is_json() {
         let known = known.map(|known| json!({ "id": known.id, "note": known.note(lang) }));
         return records::line(json!({
             "bytes": hex::spaced(bytes),
-            "readings": readings.iter().map(as_json).collect::<Vec<_>>(),
+            "readings": decodings.iter().map(as_json).collect::<Vec<_>>(),
             "known": known,
         }));
     }
-    let Some(best) = readings.first() else {
+    let Some(best) = decodings.first() else {
         return lang.fill(Text::NoReading, &[("count", &bytes.len())]) + "\n";
     };
     if context.format == Format::Value {
         return format!("{}\n", best.meaning);
     }
     // Readings as good as the best one are always shown.
-    let count = |reading: &&Reading| all || reading.is_good() == best.is_good() && best.is_good();
+    let count =
+        |decoding: &&Decoding| all || decoding.is_good() == best.is_good() && best.is_good();
     let mut text = String::new();
-    for reading in readings
+    for decoding in decodings
         .iter()
-        .filter(|reading| all || std::ptr::eq(*reading, best))
+        .filter(|decoding| all || std::ptr::eq(*decoding, best))
     {
-        text += &told(lang, reading);
+        text += &told(lang, decoding);
     }
     if let Some(known) = known {
         text += &labelled(
@@ -127,7 +128,7 @@ fn show(context: &Context, bytes: &[u8], readings: &[Reading], all: bool) -> Str
             &format!("{}: {}", known.id, known.note(lang)),
         );
     }
-    let others = readings.iter().filter(count).count().saturating_sub(1);
+    let others = decodings.iter().filter(count).count().saturating_sub(1);
     if !all && others > 0 {
         text += &labelled(
             lang,
@@ -142,19 +143,19 @@ fn labelled(lang: Lang, label: Text, text: &str) -> String {
     format!("  {}{text}\n", width::pad(lang.get(label), 10))
 }
 
-fn told(lang: Lang, reading: &Reading) -> String {
-    let kind = lang.get(if reading.reply {
+fn told(lang: Lang, decoding: &Decoding) -> String {
+    let kind = lang.get(if decoding.reply {
         Text::ReplyWord
     } else {
         Text::RequestWord
     });
-    let mut head = format!("{} {kind}", reading.protocol);
-    if let Some(address) = reading.address {
+    let mut head = format!("{} {kind}", decoding.protocol);
+    if let Some(address) = decoding.address {
         head += lang.get(AppText::Comma);
         head += &lang.fill(AppText::AtAddress, &[("address", &address)]);
     }
-    let mut text = format!("{head}\n  {}\n", reading.meaning);
-    let check = match &reading.check {
+    let mut text = format!("{head}\n  {}\n", decoding.meaning);
+    let check = match &decoding.check {
         Check::None => return text,
         Check::Right(is) => lang.fill(Text::CheckRight, &[("is", is)]),
         Check::Wrong { is, should } => {
@@ -165,17 +166,17 @@ fn told(lang: Lang, reading: &Reading) -> String {
     text
 }
 
-fn as_json(reading: &Reading) -> Value {
-    let check = match &reading.check {
+fn as_json(decoding: &Decoding) -> Value {
+    let check = match &decoding.check {
         Check::None => Value::Null,
         Check::Right(is) => json!({ "ok": true, "is": is }),
         Check::Wrong { is, should } => json!({ "ok": false, "is": is, "should": should }),
     };
     json!({
-        "protocol": reading.protocol,
-        "kind": if reading.reply { "reply" } else { "request" },
-        "address": reading.address.map(|address| address.0),
-        "meaning": reading.meaning,
+        "protocol": decoding.protocol,
+        "kind": if decoding.reply { "reply" } else { "request" },
+        "address": decoding.address.map(|address| address.0),
+        "meaning": decoding.meaning,
         "checksum": check,
     })
 }

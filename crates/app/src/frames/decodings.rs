@@ -9,7 +9,7 @@ use railbus_words::{Lang, say};
 
 /// One way to decode the bytes.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Reading {
+pub struct Decoding {
     /// The name of the protocol.
     pub protocol: &'static str,
     /// It is a reply, not a request.
@@ -38,16 +38,16 @@ pub enum Check {
     },
 }
 
-impl Reading {
+impl Decoding {
     /// Its checksum is right, or it has none.
     pub fn is_good(&self) -> bool {
         !matches!(self.check, Check::Wrong { .. })
     }
 }
 
-/// All readings, best first.
-pub fn of(lang: Lang, bytes: &[u8]) -> Vec<Reading> {
-    let mut readings = Vec::new();
+/// All decodings, best first.
+pub fn of(lang: Lang, bytes: &[u8]) -> Vec<Decoding> {
+    let mut decodings = Vec::new();
     for protocol in [
         Protocol::R55,
         Protocol::Lc02,
@@ -55,14 +55,14 @@ pub fn of(lang: Lang, bytes: &[u8]) -> Vec<Reading> {
         Protocol::Rtu,
     ] {
         for (frame, check) in checked(protocol, bytes) {
-            readings.extend(in_protocol(lang, protocol, &frame, &check));
+            decodings.extend(in_protocol(lang, protocol, &frame, &check));
         }
     }
     if let Decoded::Whole { len: 4, value } = lcus::Request::decode(bytes)
         && bytes.len() == 4
     {
         let (n, state) = (value.channel, crate::render::values::state(lang, value.on));
-        readings.push(Reading {
+        decodings.push(Decoding {
             protocol: "lcus",
             reply: false,
             address: None,
@@ -74,11 +74,11 @@ pub fn of(lang: Lang, bytes: &[u8]) -> Vec<Reading> {
             check: Check::Right(hex(bytes.get(3..).unwrap_or_default())),
         });
     }
-    readings.sort_by_key(|reading| (!reading.is_good(), unlikely(reading)));
-    let mut seen: Vec<Reading> = Vec::new();
-    for reading in readings {
-        if !seen.contains(&reading) {
-            seen.push(reading);
+    decodings.sort_by_key(|decoding| (!decoding.is_good(), unlikely(decoding)));
+    let mut seen: Vec<Decoding> = Vec::new();
+    for decoding in decodings {
+        if !seen.contains(&decoding) {
+            seen.push(decoding);
         }
     }
     seen
@@ -86,8 +86,8 @@ pub fn of(lang: Lang, bytes: &[u8]) -> Vec<Reading> {
 
 /// A Modbus RTU frame is recognised by nothing but its CRC: with a wrong one, protocols that also
 /// have start and end markers are likelier.
-fn unlikely(reading: &Reading) -> bool {
-    reading.protocol == Protocol::Rtu.name() && !reading.is_good()
+fn unlikely(decoding: &Decoding) -> bool {
+    decoding.protocol == Protocol::Rtu.name() && !decoding.is_good()
 }
 
 /// The bytes with the right checksum, and the notes about the original.
@@ -139,22 +139,22 @@ pub fn checked(protocol: Protocol, bytes: &[u8]) -> Vec<(Vec<u8>, Check)> {
     }
 }
 
-fn in_protocol(lang: Lang, protocol: Protocol, frame: &[u8], check: &Check) -> Vec<Reading> {
-    let reading = |reply, address, meaning| Reading {
+fn in_protocol(lang: Lang, protocol: Protocol, frame: &[u8], check: &Check) -> Vec<Decoding> {
+    let decoding = |reply, address, meaning| Decoding {
         protocol: protocol.name(),
         reply,
         address,
         meaning,
         check: check.clone(),
     };
-    let mut readings = Vec::new();
+    let mut decodings = Vec::new();
     match request(protocol, frame, check) {
         Some(Ok(exchange)) => {
             let broadcast = matches!(exchange, Exchange::Ascii(e) if e.request.is_broadcast());
             let address = (!broadcast).then_some(exchange.address());
-            readings.push(reading(false, address, meaning::request(lang, &exchange)));
+            decodings.push(decoding(false, address, meaning::request(lang, &exchange)));
         }
-        Some(Err((address, code))) => readings.push(reading(
+        Some(Err((address, code))) => decodings.push(decoding(
             false,
             Some(address),
             say!(
@@ -170,14 +170,14 @@ fn in_protocol(lang: Lang, protocol: Protocol, frame: &[u8], check: &Check) -> V
         let fits = exchange.protocol() == protocol
             && (protocol != Protocol::Ascii || summed == matches!(check, Check::Right(_)));
         if fits {
-            readings.push(reading(
+            decodings.push(decoding(
                 true,
                 from,
                 meaning::response(lang, &exchange, &response),
             ));
         }
     }
-    readings
+    decodings
 }
 
 /// The request that a whole frame is, or an unknown function.
@@ -239,7 +239,7 @@ mod tests {
     use super::*;
     use railbus_words::hex::parse;
 
-    fn best(text: &str) -> Reading {
+    fn best(text: &str) -> Decoding {
         let bytes = parse(text).unwrap();
         of(Lang::En, &bytes).remove(0)
     }
@@ -309,26 +309,26 @@ mod tests {
 
     #[test]
     fn a_wrong_checksum_is_named_and_the_rest_is_read() {
-        let reading = best("6C 63 01 03 22 34 0D");
-        assert_eq!(reading.protocol, "lc02");
-        assert_eq!(reading.meaning, "outputs do0 do1 on; inputs di1 di5 on");
+        let decoding = best("6C 63 01 03 22 34 0D");
+        assert_eq!(decoding.protocol, "lc02");
+        assert_eq!(decoding.meaning, "outputs do0 do1 on; inputs di1 di5 on");
         let check = Check::Wrong {
             is: "34".to_owned(),
             should: "26".to_owned(),
         };
-        assert_eq!(reading.check, check);
+        assert_eq!(decoding.check, check);
     }
 
     #[test]
     fn bytes_that_are_two_things_are_read_as_both() {
         let bytes = parse("55 01 00 03 00 04 C0 1D").unwrap();
-        let readings = of(Lang::En, &bytes);
-        let protocols: Vec<&str> = readings.iter().map(|reading| reading.protocol).collect();
+        let decodings = of(Lang::En, &bytes);
+        let protocols: Vec<&str> = decodings.iter().map(|decoding| decoding.protocol).collect();
         assert!(
             protocols.contains(&"rtu") && protocols.contains(&"r55"),
-            "{readings:?}"
+            "{decodings:?}"
         );
-        assert!(readings.iter().take(2).all(Reading::is_good));
+        assert!(decodings.iter().take(2).all(Decoding::is_good));
     }
 
     #[test]
