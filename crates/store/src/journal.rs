@@ -14,7 +14,7 @@ const LEN_MAX: u64 = 16 << 20;
 
 /// An open journal. It is locked against other writers.
 #[derive(Debug)]
-pub struct Store {
+pub struct JournalFile {
     folder: PathBuf,
     file: File,
     log: Log,
@@ -22,12 +22,12 @@ pub struct Store {
     torn: bool,
 }
 
-impl Store {
+impl JournalFile {
     /// Opens the journal in a folder, which is created if necessary.
     ///
     /// # Errors
     /// If the system refuses; [`io::ErrorKind::WouldBlock`] while somebody else has it open.
-    pub fn open(folder: &Path) -> io::Result<Store> {
+    pub fn open(folder: &Path) -> io::Result<JournalFile> {
         durable::folder(folder)?;
         let path = folder.join(NAME);
         let is_new = !path.exists();
@@ -45,7 +45,7 @@ impl Store {
         if is_new {
             durable::sync_folder(folder)?;
         }
-        let mut store = Store {
+        let mut store = JournalFile {
             folder: folder.to_owned(),
             file,
             log: Log::default(),
@@ -156,10 +156,10 @@ mod tests {
     #[test]
     fn records_are_kept_beside_a_torn_one() {
         let folder = folder("store");
-        let mut store = Store::open(&folder).unwrap();
+        let mut store = JournalFile::open(&folder).unwrap();
         store.append(record(1)).unwrap();
         assert_eq!(
-            Store::open(&folder).unwrap_err().kind(),
+            JournalFile::open(&folder).unwrap_err().kind(),
             io::ErrorKind::WouldBlock
         );
         drop(store);
@@ -171,14 +171,14 @@ mod tests {
         let mut file = OpenOptions::new().append(true).open(&path).unwrap();
         file.write_all(&record(2).line_of_text().as_bytes()[..40])
             .unwrap();
-        let mut store = Store::open(&folder).unwrap();
+        let mut store = JournalFile::open(&folder).unwrap();
         assert_eq!(
             (store.log().records.len(), store.log().next_change()),
             (1, 2)
         );
         store.append(record(2).ended(State::Done, None)).unwrap();
         drop(store);
-        let log = Store::peek(&folder).unwrap();
+        let log = JournalFile::peek(&folder).unwrap();
         assert_eq!((log.records.len(), log.unread), (2, 1));
         std::fs::remove_dir_all(&folder).unwrap();
     }
@@ -186,20 +186,20 @@ mod tests {
     #[test]
     fn a_journal_never_grows_without_end() {
         let folder = folder("short");
-        let mut store = Store::open(&folder).unwrap();
+        let mut store = JournalFile::open(&folder).unwrap();
         let many: String = (1..=railbus_commission::RECORDS_MAX as u64 + 1)
             .map(|number| record(number).ended(State::Done, None).line_of_text())
             .collect();
         store.file.write_all(many.as_bytes()).unwrap();
         drop(store);
-        let mut store = Store::open(&folder).unwrap();
+        let mut store = JournalFile::open(&folder).unwrap();
         assert_eq!(
             store.log().records.len(),
             railbus_commission::RECORDS_MAX / 2
         );
         store.append(record(9000)).unwrap();
         drop(store);
-        assert_eq!(Store::peek(&folder).unwrap().next_change(), 9001);
+        assert_eq!(JournalFile::peek(&folder).unwrap().next_change(), 9001);
         std::fs::remove_dir_all(&folder).unwrap();
     }
 }

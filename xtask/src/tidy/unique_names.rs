@@ -46,7 +46,6 @@ const KNOWN: &[(&str, usize)] = &[
     ("Refused", 2),
     ("Settings", 2),
     ("Step", 2),
-    ("Store", 2),
     ("Value", 2),
 ];
 

@@ -4,26 +4,26 @@
 use super::talk::Talk;
 use jiff::Timestamp;
 use railbus_commission::{Act, Event, Log, Procedure, Progress, Question, Record, Step};
-use railbus_store::journal::Store;
+use railbus_store::journal::JournalFile;
 use railbus_words::time;
 use std::pin::pin;
 use std::time::Duration;
 
 /// The journal of changed settings, as a procedure needs it: none for a procedure that only reads.
 #[derive(Debug, Default)]
-pub struct Journal(Option<Store>);
+pub struct Journal(Option<JournalFile>);
 
 impl Journal {
     /// Takes an open journal.
     #[must_use]
-    pub const fn new(store: Option<Store>) -> Journal {
+    pub const fn new(store: Option<JournalFile>) -> Journal {
         Journal(store)
     }
 
     /// Its content.
     #[must_use]
     pub fn log(&self) -> Option<&Log> {
-        self.0.as_ref().map(Store::log)
+        self.0.as_ref().map(JournalFile::log)
     }
 
     /// The number of the next change.

@@ -18,7 +18,7 @@ use railbus_app::settings::target::Target;
 use railbus_commission::{Place, Procedure, Progress, Question, Record, State};
 use railbus_site::Service;
 use railbus_site::config::edit;
-use railbus_store::journal::Store;
+use railbus_store::journal::JournalFile;
 use railbus_words::Code;
 use railbus_words::Lang;
 use std::pin::pin;
@@ -39,9 +39,9 @@ pub(super) struct Run {
 }
 
 /// The journal, locked for a change of settings.
-pub(super) async fn journal(wish: &SettingsRequest) -> Result<Store, Problem> {
+pub(super) async fn journal(wish: &SettingsRequest) -> Result<JournalFile, Problem> {
     let (state, folder) = (wish.state(), wish.state());
-    let store = tokio::task::spawn_blocking(move || Store::open(&state)).await;
+    let store = tokio::task::spawn_blocking(move || JournalFile::open(&state)).await;
     let store = store.map_err(std::io::Error::other).and_then(|store| store);
     store.map_err(|error| store_failure(wish.lang, &folder, &error).to_problem())
 }
@@ -85,7 +85,7 @@ pub(super) async fn open(target: &Target) -> Result<Talk, Problem> {
 }
 
 impl Run {
-    pub(super) fn new(wish: &SettingsRequest, op: Op, store: Store) -> Run {
+    pub(super) fn new(wish: &SettingsRequest, op: Op, store: JournalFile) -> Run {
         Run {
             lang: wish.lang,
             op,

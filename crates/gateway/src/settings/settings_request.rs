@@ -19,7 +19,7 @@ use railbus_commission::settings::{
 use railbus_commission::{By, Found, Log, Record, Stage};
 use railbus_site::Service;
 use railbus_site::config::keeper::etag;
-use railbus_store::journal::Store;
+use railbus_store::journal::JournalFile;
 use railbus_words::Code;
 use railbus_words::Lang;
 use serde_json::{Map, Value};
@@ -175,7 +175,7 @@ impl SettingsRequest {
 
     async fn journal(&self) -> Result<Log, Problem> {
         let state = self.state();
-        let read = tokio::task::spawn_blocking(move || Store::peek(&state)).await;
+        let read = tokio::task::spawn_blocking(move || JournalFile::peek(&state)).await;
         let read = read.map_err(std::io::Error::other).and_then(|log| log);
         read.map_err(|error| {
             let failure = Failure::of(self.lang, Code::Journal);

@@ -9,7 +9,7 @@ use railbus_app::failure::Failure;
 use railbus_app::settings::outcome::store_failure;
 use railbus_commission::Log;
 use railbus_site::Config;
-use railbus_store::journal::Store;
+use railbus_store::journal::JournalFile;
 use railbus_words::Code;
 use railbus_words::Lang;
 use std::io::Read;
@@ -128,13 +128,14 @@ impl ConfigContext {
     }
 
     /// The journal, locked by this command.
-    pub(super) fn store(&self, context: &Context) -> Result<Store, Failure> {
-        Store::open(&self.state).map_err(|error| store_failure(context.lang, &self.state, &error))
+    pub(super) fn store(&self, context: &Context) -> Result<JournalFile, Failure> {
+        JournalFile::open(&self.state)
+            .map_err(|error| store_failure(context.lang, &self.state, &error))
     }
 
     /// The journal, for reading.
     pub(super) fn log(&self, context: &Context) -> Result<Log, Failure> {
-        Store::peek(&self.state).map_err(|error| {
+        JournalFile::peek(&self.state).map_err(|error| {
             let told = format!("{}: {error}", self.state.display());
             Failure::of(context.lang, Code::Journal).because(told)
         })

@@ -13,7 +13,7 @@ use railbus_app::settings::talk::Talk;
 use railbus_app::settings::target::Target;
 use railbus_commission::{Procedure, Progress, Question};
 use railbus_host::{EchoMode, LineName, PortError};
-use railbus_store::journal::Store;
+use railbus_store::journal::JournalFile;
 use railbus_wire::Settings;
 use railbus_words::Code;
 use std::io::{BufRead, IsTerminal, Write};
@@ -35,7 +35,7 @@ impl<'c> Driver<'c> {
     pub(super) async fn open(
         context: &'c Context,
         target: &Target,
-        store: Option<Store>,
+        store: Option<JournalFile>,
     ) -> Result<Driver<'c>, Failure> {
         let settings = target.setup.serial;
         Driver::open_line(context, &target.line, &target.port, settings, store).await
@@ -47,7 +47,7 @@ impl<'c> Driver<'c> {
         line: &str,
         port: &LineName,
         settings: Settings,
-        store: Option<Store>,
+        store: Option<JournalFile>,
     ) -> Result<Driver<'c>, Failure> {
         let at = At {
             line: line.to_owned(),
