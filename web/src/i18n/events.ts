@@ -130,6 +130,10 @@ export const events = {
     "max_on was removed: an output that was on is no longer switched off by itself",
     "已取消 max_on：接通的输出不再自动断开",
   ],
+  code_on_exit_not_done: [
+    "on_exit was not confirmed before railbus stopped. Check the output",
+    "railbus 停止前未能确认“停止时”的动作已执行。请检查该输出",
+  ],
   code_started: ["Daemon started", "程序已启动"],
   code_stopped: ["Daemon stopped", "程序已停止"],
   code_rule_fired: ["Rule triggered", "规则已执行"],

@@ -74,9 +74,9 @@ impl Context {
             is_granted: false,
         };
         let of_line = self.with(|state| state.outputs_of_line(line));
-        let (turns, _) = self
-            .end_now(|place| of_line.contains(place), STOP_MAX)
-            .await;
+        let ends = self.end_now(|place| of_line.contains(place), STOP_MAX);
+        let ended = self.unless_stopping(ends).await;
+        let (turns, _) = ended.ok_or(Fault::Closed)?;
         let until = self.with(|state| {
             state.hasten_ends_of(line);
             // An output that is due may have been switched on in the meantime.
@@ -116,9 +116,11 @@ impl Context {
                 state.had_by_another(line);
             }
         });
-        if let Some(config) = config {
-            // It is written already.
-            let _ = self.reload_in_turn(config, None).await;
+        if let Some(config) = config
+            && self.reload_in_turn(config, None).await.is_err()
+        {
+            // The site ends, and the modules may not be where its configuration has them.
+            return;
         }
         self.with(|state| {
             let now = state.lines.get(line);

@@ -3,6 +3,7 @@
 
 use super::context::{Context, TaskId};
 use super::exclusive::LoanId;
+use super::policies::EXIT_MAX;
 use super::state::State;
 use super::{LineId, Output};
 use crate::config::Config;
@@ -11,11 +12,16 @@ use crate::{Failure, Reason};
 use railbus_host::{Fault, LineState, PortError};
 use railbus_wire::Micros;
 use std::collections::VecDeque;
+use std::pin::pin;
 use std::sync::Arc;
 
 /// How many may wait for lines before exclusive access is refused. Reloads are not refused: a
 /// daemon has one of them at a time.
 pub(super) const WAITING_MAX: usize = 64;
+
+/// Once a line is being closed, a command that was sent has ended after this time: a second, and
+/// what the audit log takes.
+const SENT_MAX: Micros = Micros::from_millis(1_200);
 
 /// How a line is.
 #[derive(Clone, Debug)]
@@ -157,15 +163,33 @@ impl Context {
 
     /// Ends the site: pulses and leases, then the outputs with a policy for that, then its lines.
     /// Lines are not opened any more.
+    ///
+    /// A reload or loan that has not closed a line yet gives up at the first step of this. One that
+    /// has is waited for side by side with the ends of pulses and leases: a line closes within a
+    /// second, and then names stand for the boards at which the policies are to be done. If that
+    /// takes longer, because a port hangs, the process has to end in time all the same, and
+    /// [`State::tell_not_exited`] reports what could not be done.
     pub(crate) async fn close_site(&self) {
-        self.stop_all().await;
-        self.exit_policy().await;
+        let until = self.stop();
+        let _turn = self.until(until, self.line_turn()).await;
+        self.until(until, self.all_ended()).await;
+        if self.with(|state| state.is_closed) {
+            return;
+        }
+        let mut exits = pin!(self.exit_policy());
+        let until = self.now() + EXIT_MAX;
+        let is_done = self.until(until, exits.as_mut()).await.is_some();
         let lines: Vec<String> = self.with(|state| {
             state.is_closed = true;
             let lines: Vec<String> = state.lines.keys().cloned().collect();
             state.close_lines(&lines);
             lines
         });
+        if !is_done {
+            let until = self.now() + SENT_MAX;
+            let _ = self.until(until, exits).await;
+        }
+        self.with(State::tell_not_exited);
         self.closed(&lines).await;
         self.answer_behind_all();
     }

@@ -1,52 +1,82 @@
 //! What happens to outputs when something is lost or comes back.
 
 use super::context::Context;
+use super::order::{TTL, places};
 use super::promises::{Key, Promise, Why};
-use super::reload::same_board;
 use super::state::State;
 use super::timers::Timer;
+use super::write::WriteTerms;
 use crate::config::{Config, Place, Policy, Safety};
 use crate::rights::Who;
+use railbus_device::Point;
+use railbus_store::history::{Event, EventKind, Severity};
 use railbus_wire::Micros;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
 /// How long closing the site may take to switch its outputs.
-const EXIT_MAX: Micros = Micros::from_millis(1_200);
+pub(super) const EXIT_MAX: Micros = Micros::from_millis(1_200);
 
 /// Outputs by their modules, and the state that each of them goes into.
 type Wanted = BTreeMap<String, Vec<(Place, bool)>>;
 
 impl Context {
-    /// Outputs with a policy for the end of the site are switched.
-    pub(crate) async fn exit_policy(&self) {
-        let who = Who::program("on_exit");
-        let wanted = self.with(|state| state.wanted(None, |safety| safety.on_exit));
-        let switching = wanted.into_iter().map(|(module, outputs)| {
-            let (context, who) = (self.clone(), Who::clone(&who));
-            self.begin(async move { context.switch_at_exit(&who, &module, &outputs).await })
+    /// Outputs with a policy for the end of the site are switched, at the boards that have their
+    /// names as this begins. [`State::tell_not_exited`] reports what is not done.
+    pub(super) async fn exit_policy(&self) {
+        let since = self.config();
+        let wanted = self.with(|state| {
+            let wanted = state.wanted(None, |safety| safety.on_exit);
+            let places = wanted.values().flatten().map(|(place, _)| place.clone());
+            state.exiting = places.collect();
+            wanted
         });
-        let switching: Vec<_> = switching.collect();
-        let until = self.now() + EXIT_MAX;
-        // What is not done by then shows in its audit entry.
-        let _ = self.until(until, self.all(switching)).await;
+        let switching = wanted.into_iter().map(|(module, outputs)| {
+            let (context, since) = (self.clone(), Arc::clone(&since));
+            self.begin(async move { context.switch_at_exit(&since, &module, &outputs).await })
+        });
+        self.all(switching.collect::<Vec<_>>()).await;
     }
 
-    async fn switch_at_exit(&self, who: &Who, module: &str, outputs: &[(Place, bool)]) {
+    async fn switch_at_exit(&self, since: &Config, module: &str, outputs: &[(Place, bool)]) {
+        // A reload may have opened its line just now.
+        let is_opened = |state: &mut State| state.is_opened(module);
+        self.wait_in(|state| &mut state.opening, is_opened).await;
         let points = |wanted: bool| {
             let these = outputs.iter().filter(move |(_, on)| *on == wanted);
             these.map(|(place, on)| (place.point, *on))
         };
         let off: Vec<_> = points(false).collect();
         if !off.is_empty() {
-            // How it ended, its audit entry says.
-            let _ = self.write_at_exit(who, module, &off).await;
+            self.write_at_exit(since, module, &off).await;
         }
         for on in points(true) {
             // One by one: what excludes one of them does not keep the others.
-            let _ = self.write_at_exit(who, module, &[on]).await;
+            self.write_at_exit(since, module, &[on]).await;
         }
+    }
+
+    /// Nobody is asked whether it is meant, and how many wait does not matter.
+    async fn write_at_exit(&self, since: &Config, module: &str, set: &[(Point, bool)]) {
+        let points: Vec<Point> = set.iter().map(|(point, _)| *point).collect();
+        let turn = self.turn_to_end_since(since, module, &points);
+        let Some(turn) = turn.await else {
+            return;
+        };
+        let (who, terms) = (Who::program("on_exit"), WriteTerms::default());
+        let expires = self.now() + TTL;
+        let done = self.write_in_turn(&who, &turn, module, set, terms, expires);
+        let Ok(done) = done.await else {
+            return;
+        };
+        self.with(|state| {
+            for place in places(module, &points) {
+                state.exiting.remove(&place);
+            }
+        });
+        // What the disk refuses is done once more, with the next start.
+        let _ = self.take_over(module, &points, done).await;
     }
 
     /// A module answers again: its outputs are switched according to their policies, off before on.
@@ -73,11 +103,12 @@ impl Context {
         let since = Arc::clone(since);
         self.spawn(async move {
             // Those who asked before come before it, and take nothing from it.
-            let turn = context.turn_to_end([key.0.clone()]).await;
-            if !same_board(&since, &context.config(), &key.0.module) {
+            let (module, points) = (&key.0.module, [key.0.point]);
+            let turn = context.turn_to_end_since(&since, module, &points);
+            let Some(turn) = turn.await else {
                 // Another board has the name now, which has not returned.
                 return;
-            }
+            };
             let wall = context.with(|state| state.now.wall);
             let promise = Promise::after(wall, Duration::ZERO, Some(on));
             let timer = Timer::new(&context, key, promise).at_once(turn, tried);
@@ -111,6 +142,15 @@ impl State {
             }
         }
         wanted
+    }
+
+    /// Reports the outputs whose policy for the end of the site is not known to be done.
+    pub(super) fn tell_not_exited(&mut self) {
+        for place in std::mem::take(&mut self.exiting) {
+            let label = self.label(&place.module, place.point);
+            let event = Event::new(EventKind::System, Severity::Error, "on_exit_not_done");
+            self.tell_event(event.module(&place.module).point(&label));
+        }
     }
 
     /// What the policy for the return of its module wants of an output now.

@@ -5,10 +5,11 @@ use super::lines::LineNow;
 use super::promises::{Why, boards};
 use super::state::State;
 use super::{LineId, Output};
+use crate::Failure;
 use crate::config::{Config, LineConfig, ModuleConfig, Place};
 use crate::service::Update;
 use railbus_device::{Module, PointKind, Setup};
-use railbus_host::{LineState, ModuleChanges, ModuleId, PortError};
+use railbus_host::{Fault, LineState, ModuleChanges, ModuleId, PortError};
 use railbus_store::history::{Event, EventKind, Severity};
 use railbus_wire::Micros;
 use std::collections::BTreeSet;
@@ -37,7 +38,15 @@ impl Context {
     /// Takes another configuration, and has it written before that where it is to be: lines that
     /// stay where they are go on, and of their modules those that changed begin anew. Lines that
     /// changed themselves are closed and opened. None where it was not written.
-    pub(crate) async fn reload(&self, config: Config, store: Option<Store>) -> Option<Reloaded> {
+    ///
+    /// # Errors
+    /// [`Fault::Closed`] where the site began to end before that: what is on the disk then comes
+    /// into force with the next start.
+    pub(crate) async fn reload(
+        &self,
+        config: Config,
+        store: Option<Store>,
+    ) -> Result<Option<Reloaded>, Failure> {
         let _turn = self.line_turn().await;
         self.reload_in_turn(config, store).await
     }
@@ -47,18 +56,26 @@ impl Context {
         &self,
         config: Config,
         store: Option<Store>,
-    ) -> Option<Reloaded> {
+    ) -> Result<Option<Reloaded>, Failure> {
         let config = Arc::new(config);
         // What was to be done later to outputs whose names are about to stand for others is done
         // now: afterwards it would meet no board, or another one. They accept no commands until
-        // they are where they belong.
+        // they are where they belong. The end of the site does not wait for that, nor for the disk:
+        // it needs these outputs, and nobody would see to another configuration.
         let others = self.with(|state| state.others(&config));
-        let (turns, left) = self.end_now(|place| others.contains(place), TURN_MAX).await;
-        if let Some(store) = store
-            && !self.store(store).await
-        {
+        let prepares = async {
+            let (turns, left) = self.end_now(|place| others.contains(place), TURN_MAX).await;
+            let is_written = match store {
+                Some(store) => self.store(store).await,
+                None => true,
+            };
+            (turns, left, is_written)
+        };
+        let prepared = self.unless_stopping(prepares).await;
+        let (turns, left, is_written) = prepared.ok_or(Fault::Closed)?;
+        if !is_written {
             self.with(|state| state.hasten(&left));
-            return None;
+            return Ok(None);
         }
         let reloaded = self.with(|state| {
             let reloaded = state.reloads(&config);
@@ -95,7 +112,7 @@ impl Context {
             state.publish(Update::Reloaded);
             state.tell_dropped_ends();
         });
-        Some(reloaded)
+        Ok(Some(reloaded))
     }
 }
 
@@ -219,7 +236,7 @@ impl State {
         }
     }
 
-    fn tell_event(&mut self, event: Event) {
+    pub(super) fn tell_event(&mut self, event: Event) {
         let event = Box::new(event);
         self.runs.outputs.push_back(Output::Event(event));
     }

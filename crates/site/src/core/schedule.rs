@@ -10,7 +10,10 @@ use crate::config::Place;
 use railbus_device::Point;
 use railbus_wire::Micros;
 use std::collections::{BTreeMap, BTreeSet};
+use std::future::poll_fn;
 use std::io::ErrorKind;
+use std::pin::pin;
+use std::task::Poll;
 use std::time::Duration;
 
 /// How long closing the site may take to release its pulses.
@@ -616,6 +619,16 @@ impl Context {
             .await;
     }
 
+    /// Does something unless the site begins to end before it is done; it is dropped then.
+    pub(super) async fn unless_stopping<T>(&self, what: impl Future<Output = T>) -> Option<T> {
+        let (mut stops, mut what) = (pin!(self.stopping()), pin!(what));
+        poll_fn(|cx| match stops.as_mut().poll(cx) {
+            Poll::Ready(()) => Poll::Ready(None),
+            Poll::Pending => what.as_mut().poll(cx).map(Some),
+        })
+        .await
+    }
+
     /// Waits until none is seen to.
     pub(crate) async fn all_ended(&self) {
         let is_idle = |state: &mut State| state.schedule.running == 0;
@@ -624,12 +637,11 @@ impl Context {
         self.answer_behind_all();
     }
 
-    /// Ends all of them now, and waits for that as long as may be.
-    pub(crate) async fn stop_all(&self) {
-        let until = self.with(|state| {
+    /// Ends all of them now. Gives back until when that may take.
+    pub(super) fn stop(&self) -> Micros {
+        self.with(|state| {
             state.schedule.stop();
             state.now.site + STOP_MAX
-        });
-        self.until(until, self.all_ended()).await;
+        })
     }
 }

@@ -53,6 +53,8 @@ pub(crate) struct State {
     pub(super) newest_loan: u64,
     /// The site has ended: lines are not opened any more.
     pub(super) is_closed: bool,
+    /// Outputs whose policy for the end of the site is not done yet.
+    pub(super) exiting: BTreeSet<Place>,
     /// Outputs that the event that is being applied has shown in another state.
     pub(super) changed: Vec<Change>,
     /// Modules that are heard again by it.
@@ -87,6 +89,7 @@ impl State {
             lines_opened: 0,
             newest_loan: 0,
             is_closed: false,
+            exiting: BTreeSet::new(),
             changed: Vec::new(),
             returned: Vec::new(),
             heard: Vec::new(),

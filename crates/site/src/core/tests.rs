@@ -2,6 +2,7 @@
 
 mod chance;
 mod clocks;
+mod closing;
 mod disk;
 mod ends;
 mod names;

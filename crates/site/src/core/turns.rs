@@ -7,8 +7,10 @@
 
 use super::At;
 use super::context::{Context, TaskId};
+use super::order::places;
 use super::reload::same_board;
 use crate::config::{Config, Place};
+use railbus_device::Point;
 use railbus_host::Fault;
 use railbus_wire::Micros;
 use std::collections::{BTreeMap, BTreeSet};
@@ -191,6 +193,18 @@ impl Context {
         self.wait(|state| state.turns.has_come(turn.number).then_some(()))
             .await;
         turn.comes(&places)
+    }
+
+    /// The same for the board that had the name of a module in an earlier configuration; none where
+    /// another board has it by then.
+    pub(super) async fn turn_to_end_since(
+        &self,
+        since: &Config,
+        module: &str,
+        points: &[Point],
+    ) -> Option<Turn> {
+        let turn = self.turn_to_end(places(module, points)).await;
+        same_board(since, &self.config(), module).then_some(turn)
     }
 
     fn queue(&self, places: BTreeSet<Place>, is_end: bool) -> Turn {

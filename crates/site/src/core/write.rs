@@ -123,22 +123,6 @@ impl Context {
         self.take_over(module, &points, done).await
     }
 
-    /// The same at the end of the site: nobody is asked whether it is meant, and how many wait
-    /// does not matter.
-    pub(super) async fn write_at_exit(
-        &self,
-        who: &Who,
-        module: &str,
-        set: &[(Point, bool)],
-    ) -> Result<WriteDone, Failure> {
-        let points: Vec<Point> = set.iter().map(|(point, _)| *point).collect();
-        let turn = self.turn_to_end(places(module, &points)).await;
-        let (terms, expires) = (WriteTerms::default(), self.now() + TTL);
-        let done = self.write_in_turn(who, &turn, module, set, terms, expires);
-        let done = done.await?;
-        self.take_over(module, &points, done).await
-    }
-
     /// Writes outputs whose turn it is. What was to be done to them later still is.
     pub(super) async fn write_in_turn(
         &self,

@@ -68,7 +68,7 @@ impl Service {
         let reloaded = self
             .ask(|core| async move { core.reload(config, Some(store)).await })
             .await;
-        if let Some(reloaded) = reloaded.flatten() {
+        if let Some(reloaded) = reloaded.transpose()?.flatten() {
             return Ok(Ok(reloaded));
         }
         let end = lock(&end).take();

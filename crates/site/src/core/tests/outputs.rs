@@ -271,10 +271,7 @@ fn a_site_that_ends_releases_what_is_held_and_begins_nothing_more() {
     let held = world.lease("li", ("oven", 1), (true, ms(60_000)));
     world.pass(ms(500));
     assert!(held.now().is_ok());
-    let ended = world.order(|core| async move {
-        core.stop_all().await;
-        core.exit_policy().await;
-    });
+    let ended = world.close();
     let late = world.write("li", ("oven", 2), true);
     assert_eq!(late.now(), Err(Failure::Line(Fault::Closed)));
     let set = [(at("oven", 2), true)];

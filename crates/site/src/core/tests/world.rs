@@ -124,6 +124,8 @@ pub(super) struct World {
     pub(super) audit_takes: Option<Micros>,
     /// The same after it.
     pub(super) end_takes: Option<Micros>,
+    /// How long a port hangs that is being closed.
+    pub(super) port_hangs: Micros,
 }
 
 pub(super) const fn ms(millis: u64) -> Micros {
@@ -165,6 +167,7 @@ impl World {
             disk_takes: None,
             audit_takes: None,
             end_takes: None,
+            port_hangs: Micros::ZERO,
         };
         world.start();
         world
@@ -203,7 +206,7 @@ impl World {
             }
             is_written
         }));
-        self.order(move |core| async move { core.reload(config, Some(store)).await })
+        self.order(move |core| async move { core.reload(config, Some(store)).await.ok().flatten() })
     }
 
     /// Exclusive access to a line.

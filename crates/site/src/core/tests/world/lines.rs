@@ -95,7 +95,7 @@ impl World {
         let running = self.due.iter().filter(|(_, due)| is_of(due));
         let last = running.map(|((at, _), _)| *at).max().unwrap_or(self.now);
         let after = last.min(ends) - self.now;
-        self.add(after + ms(2), Due::Closed(id));
+        self.add(after + ms(2) + self.port_hangs, Due::Closed(id));
     }
 
     pub(super) fn has_closed(&mut self, id: LineId) {
