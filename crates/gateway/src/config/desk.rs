@@ -228,7 +228,7 @@ impl Desk {
         let done = service.reload_written(text, written).await;
         let reloaded = done.map_err(|error| match error {
             ReloadError::Problems(problems) => bad_config(lang, &name, &problems),
-            ReloadError::Refused(failure) => failures::of_rights(&failure),
+            ReloadError::Refused(failure) => failures::of_several(&failure),
         })??;
         self.is_another();
         let etag = etag(text);

@@ -15,8 +15,7 @@ use std::collections::VecDeque;
 use std::pin::pin;
 use std::sync::Arc;
 
-/// How many may wait for lines before exclusive access is refused. Reloads are not refused: a
-/// daemon has one of them at a time.
+/// How many may wait for lines before reloads and exclusive access are refused.
 pub(super) const WAITING_MAX: usize = 64;
 
 /// Once a line is being closed, a command that was sent has ended after this time: a second, and

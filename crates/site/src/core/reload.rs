@@ -5,9 +5,9 @@ use super::lines::LineNow;
 use super::promises::{Why, boards};
 use super::state::State;
 use super::{LineId, Output};
-use crate::Failure;
 use crate::config::{Config, LineConfig, ModuleConfig, Place};
 use crate::service::Update;
+use crate::{Failure, Rights};
 use railbus_device::{Module, PointKind, Setup};
 use railbus_host::{Fault, LineState, ModuleChanges, ModuleId, PortError};
 use railbus_store::history::{Event, EventKind, Severity};
@@ -40,14 +40,17 @@ impl Context {
     /// changed themselves are closed and opened. None where it was not written.
     ///
     /// # Errors
-    /// [`Fault::Closed`] where the site began to end before that: what is on the disk then comes
-    /// into force with the next start.
+    /// As [`Rights::may_reload`], asked by the configuration that it would replace;
+    /// [`Fault::Overloaded`] where too many wait for lines. [`Fault::Closed`] where the site began
+    /// to end before that: what is on the disk then comes into force with the next start.
     pub(crate) async fn reload(
         &self,
+        rights: &Rights,
         config: Config,
         store: Option<Store>,
     ) -> Result<Option<Reloaded>, Failure> {
-        let _turn = self.line_turn().await;
+        let _turn = self.line_turn_if_free().await?;
+        rights.may_reload(&self.config(), &config)?;
         self.reload_in_turn(config, store).await
     }
 

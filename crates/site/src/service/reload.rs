@@ -4,9 +4,10 @@ use super::{Service, lock};
 use crate::config::Problem;
 use crate::core::Store;
 use crate::{Config, Failure, Reloaded};
+use railbus_host::Fault;
 use std::convert::Infallible;
-use std::future::pending;
 use std::sync::{Arc, Mutex};
+use tokio::task::JoinError;
 
 /// Why a configuration is not brought into force.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -14,7 +15,9 @@ pub enum ReloadError {
     /// The text has these problems.
     Problems(Vec<Problem>),
     /// [`Failure::RoleTooLow`], or [`Failure::Limited`] where it changes more than the names of
-    /// points that the caller is limited to.
+    /// points that the caller is limited to; [`Fault::Overloaded`] where too many reloads and loans
+    /// wait. [`Fault::Closed`] where the site ends: the text may be written, and is in force with
+    /// the next start then. [`Fault::Unknown`] where that is not known, because the program failed.
     Refused(Failure),
 }
 
@@ -36,7 +39,7 @@ impl Service {
     /// closed and opened anew. It goes on to its end, whether or not somebody waits.
     ///
     /// # Errors
-    /// [`ReloadError`]: then nothing has changed.
+    /// [`ReloadError`]. But for [`Fault::Unknown`], nothing has changed.
     pub async fn reload(&self, text: &str) -> Result<Reloaded, ReloadError> {
         let written = async { Ok::<(), Infallible>(()) };
         let reloaded = self.reload_written(text, written).await?;
@@ -65,20 +68,41 @@ impl Service {
             *lock(&ended) = Some(written);
             is_written
         }));
+        let rights = self.who.rights.clone();
         let reloaded = self
-            .ask(|core| async move { core.reload(config, Some(store)).await })
+            .ask(|core| async move { core.reload(&rights, config, Some(store)).await })
             .await;
-        if let Some(reloaded) = reloaded.transpose()?.flatten() {
-            return Ok(Ok(reloaded));
+        let written = lock(&end).take();
+        came_of(reloaded, written)
+    }
+}
+
+/// What came of a reload: what the core said, unless its procedure was cut off, and how the writing
+/// ended, where it has.
+fn came_of<E>(
+    reloaded: Option<Result<Option<Reloaded>, Failure>>,
+    written: Option<Result<Result<(), E>, JoinError>>,
+) -> Result<Result<Reloaded, E>, ReloadError> {
+    match (reloaded.transpose()?.flatten(), written) {
+        (Some(reloaded), _) => Ok(Ok(reloaded)),
+        (None, Some(Ok(Err(why)))) => Ok(Err(why)),
+        (None, Some(Err(broken))) if broken.is_panic() => {
+            std::panic::resume_unwind(broken.into_panic())
         }
-        let end = lock(&end).take();
-        match end {
-            Some(Ok(Err(why))) => Ok(Err(why)),
-            Some(Err(broken)) if broken.is_panic() => {
-                std::panic::resume_unwind(broken.into_panic())
-            }
-            // The runtime ends, and this with it.
-            _ => pending().await,
+        (None, _) => Err(Failure::Line(Fault::Unknown).into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The procedure of the core panics, before or after the text is written.
+    #[test]
+    fn a_reload_that_is_cut_off_ends() {
+        for written in [None, Some(Ok(Ok::<(), ()>(())))] {
+            let unknown = ReloadError::Refused(Failure::Line(Fault::Unknown));
+            assert_eq!(came_of(None, written), Err(unknown));
         }
     }
 }

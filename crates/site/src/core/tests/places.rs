@@ -89,6 +89,31 @@ fn rights_are_asked_again_by_the_configuration_of_the_moment() {
     assert_eq!(world.audit().len(), 1, "{:?}", world.audit());
 }
 
+/// Another reload comes first: what would have given a point another name would now take back what
+/// that has changed.
+#[test]
+fn rights_to_reload_are_asked_again_by_the_configuration_of_the_moment() {
+    let named = here() + "[module.oven.point]\nk1.name = \"Heat\"\n";
+    for other_first in [false, true] {
+        let mut world = site();
+        let first = other_first.then(|| world.reload(&swapped(), true));
+        let rights = Rights {
+            role: Role::Engineer,
+            points: ["oven.k1".to_owned()].into(),
+        };
+        let points = Arc::clone(&rights.points);
+        let named = world.reload_as(rights, &named);
+        world.pass(ms(2_000));
+        assert!(first.is_none_or(|first| first.now().is_some()));
+        match other_first {
+            true => assert_eq!(named.now(), Err(Failure::Limited(points))),
+            false => assert!(named.now().is_ok_and(|reloaded| reloaded.is_some())),
+        }
+        let oven = world.state().site.config().modules["oven"].setup.address.0;
+        assert_eq!(oven, if other_first { 4 } else { 3 });
+    }
+}
+
 /// A pulse or lease waits for the audit log, and the line comes back with another board of that
 /// name: that is not switched.
 #[test]
@@ -368,6 +393,8 @@ fn so_many_may_wait_for_a_line() {
     let refused = world.lend("main");
     let overloaded = matches!(refused.now(), Err(Failure::Line(Fault::Overloaded)));
     assert!(overloaded, "{:?}", refused.now());
+    let refused = world.reload_as(Rights::all(), &here());
+    assert_eq!(refused.now(), Err(Failure::Line(Fault::Overloaded)));
     world.disk_takes = None;
     world.pass(ms(120_000));
     assert!(first.now().is_some());

@@ -5,9 +5,9 @@ mod lines;
 
 use super::super::*;
 pub(super) use super::chance::{Dice, Faults};
-use crate::Failure;
 use crate::rights::Who;
 use crate::service::lock;
+use crate::{Failure, Rights};
 pub(super) use lines::Seat;
 use lines::{Board, Wire};
 use railbus_device::{Bank, Point, PointKind};
@@ -198,6 +198,24 @@ impl World {
 
     /// Takes another configuration, which is written if the disk does not refuse it.
     pub(super) fn reload(&mut self, text: &str, is_written: bool) -> End<Option<Reloaded>> {
+        let (config, store) = self.to_store(text, is_written);
+        self.order(move |core| async move {
+            let reloaded = core.reload(&Rights::all(), config, Some(store)).await;
+            reloaded.ok().flatten()
+        })
+    }
+
+    /// The same for somebody with these rights.
+    pub(super) fn reload_as(
+        &mut self,
+        rights: Rights,
+        text: &str,
+    ) -> End<Result<Option<Reloaded>, Failure>> {
+        let (config, store) = self.to_store(text, true);
+        self.order(move |core| async move { core.reload(&rights, config, Some(store)).await })
+    }
+
+    fn to_store(&self, text: &str, is_written: bool) -> (Config, Store) {
         let config = Config::parse(text).unwrap();
         let (file, written) = (Arc::clone(&self.file), config.clone());
         let store = Store(Box::pin(async move {
@@ -206,7 +224,7 @@ impl World {
             }
             is_written
         }));
-        self.order(move |core| async move { core.reload(config, Some(store)).await.ok().flatten() })
+        (config, store)
     }
 
     /// Exclusive access to a line.
