@@ -8,7 +8,7 @@ use railbus_device::{Module, Observation, Op};
 use railbus_wire::{Exchange, Frame, Instant, Micros, REPLY_TIMEOUT};
 
 /// The shortest and longest that a learned reply timeout becomes.
-const TIMEOUT_MIN: Micros = Micros::from_millis(20);
+pub(crate) const TIMEOUT_MIN: Micros = Micros::from_millis(20);
 const TIMEOUT_MAX: Micros = Micros::from_millis(300);
 /// The shortest time that late replies are waited for after a request.
 pub const LATE_MIN: Micros = Micros::from_millis(500);

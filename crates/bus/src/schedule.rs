@@ -3,7 +3,7 @@
 
 use crate::command::{Command, Stage, bank_of, end_commands, touched};
 use crate::in_flight::{Job, Probe, write_frame};
-use crate::module_state::ModuleState;
+use crate::module_state::{ModuleState, TIMEOUT_MIN};
 use crate::{Bus, Event, Fault, Last, ModuleId, Probed, State, Terms, Ticket};
 use railbus_device::{Bank, Module, Op};
 use railbus_wire::{Exchange, Instant, Micros, Protocol, Settings, foreign_command};
@@ -40,6 +40,14 @@ pub(crate) struct Search {
 impl Search {
     pub(crate) fn look_again(&mut self, at: Instant) {
         self.again = Some(self.again.map_or(at, |known| known.min(at)));
+    }
+
+    /// Commands wait behind what was found: it ends as if they came once it is sent.
+    pub(crate) fn cut_short(&mut self) {
+        if let Some(work) = &mut self.work {
+            let reply = work.settings.frame_time(work.exchange.response_len_max());
+            work.timeout = work.timeout.min((PREEMPT_AFTER - reply).max(TIMEOUT_MIN));
+        }
     }
 }
 
@@ -286,8 +294,10 @@ impl Bus {
     }
 
     /// What is sent first when several kinds of requests wait. Silent modules come before polls
-    /// that can wait: a full line must not keep a module silent.
-    const PRIORITIES: [fn(&Bus, &mut Search) -> bool; 6] = [
+    /// that can wait, and before commands for others once they have waited for long: a full line
+    /// must not keep a module silent.
+    const PRIORITIES: [fn(&Bus, &mut Search) -> bool; 7] = [
+        Bus::search_overdue_silent,
         Bus::search_urgent_polls,
         Bus::search_commands,
         Bus::search_probe_in_turn,
@@ -364,7 +374,7 @@ impl Bus {
         }
     }
 
-    fn is_silent(&self, module: ModuleId) -> bool {
+    pub(crate) fn is_silent(&self, module: ModuleId) -> bool {
         self.modules
             .get(module.0)
             .is_some_and(ModuleState::is_silent)

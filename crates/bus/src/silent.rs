@@ -10,6 +10,8 @@ use railbus_wire::{Instant, Malformed, Micros};
 
 /// All silent modules together get one part in this many of the time.
 const SILENT_SHARE: u64 = 20;
+/// A check of a silent module that is due gives way to others for so long.
+const CHECK_PATIENCE: Micros = Micros::from_millis(200);
 /// Reads that callers ask of silent modules together get one part in this many of the time besides:
 /// a caller that asks again and again must not cost the others more than their checks do.
 const ASKED_SHARE: u64 = 40;
@@ -17,6 +19,20 @@ const ASKED_SHARE: u64 = 40;
 const ASKED_AT_ONCE: Micros = Micros::from_secs(2);
 
 impl Bus {
+    /// The same if commands for others have left a check no room since it was due. That a module
+    /// answers again is noticed in time however many of them wait.
+    pub(crate) fn search_overdue_silent(&self, search: &mut Search) -> bool {
+        let is_overdue = self.probe_silent_at + CHECK_PATIENCE <= self.now;
+        let mut commands = self.commands.iter();
+        let is_found = is_overdue
+            && commands.any(|command| !self.is_silent(command.module))
+            && self.search_silent(search);
+        if is_found {
+            search.cut_short();
+        }
+        is_found
+    }
+
     /// The next silent module, if their share of the time allows it.
     pub(crate) fn search_silent(&self, search: &mut Search) -> bool {
         if !self.modules.iter().any(ModuleState::is_silent) {

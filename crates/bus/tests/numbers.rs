@@ -128,6 +128,17 @@ impl Bench {
         self.submit(module, Op::Write(Bank::one(channel, on)), Terms::default());
     }
 
+    /// Keeps eight commands waiting for the modules from this one on.
+    fn flood(&mut self, first: usize, until: Instant) {
+        while self.now() < until {
+            while self.tickets.len() < 8 {
+                let module = first + self.random((self.modules.len() - first) as u64) as usize;
+                self.switch(module);
+            }
+            self.run_until_one_ends(until);
+        }
+    }
+
     fn run_for(&mut self, span: Micros) {
         self.run_until(self.now() + span);
     }
@@ -394,6 +405,51 @@ fn dead_modules_cost_a_twentieth_and_come_back_in_time() {
             }
         }
         println!("{dead} dead (heard before: {heard_before}): back after at most {worst:?}");
+    }
+}
+
+/// The same with more commands than the line can carry, for the modules that answer.
+#[test]
+fn dead_modules_come_back_in_time_under_a_flood_of_commands() {
+    for (dead, heard_before) in [(1, true), (3, true), (1, false), (3, false)] {
+        let per_module = Micros::from_secs(if heard_before { 2 } else { 6 });
+        let (mut done, mut oldest, mut worst) = (0, Micros::ZERO, Micros::ZERO);
+        for phase in 0..10 {
+            let mut bench = Bench::reference();
+            if heard_before {
+                bench.run_for(Micros::from_secs(5));
+            }
+            for module in 0..dead {
+                bench.power(module, false);
+            }
+            bench.run_for(Micros::from_secs(12));
+            bench.forget();
+            let span = Micros::from_secs(30) + millis(phase * 317);
+            bench.flood(dead, bench.now() + span);
+            let spent = bench.spent[..dead].iter();
+            let cost = spent.fold(Micros::ZERO, |sum, one| sum + *one);
+            let share = Micros(span.0 / 20) + millis(290);
+            assert!(cost <= share, "{dead} dead cost {cost:?} of {span:?}");
+            done += bench.latencies.len();
+            oldest = oldest.max(bench.oldest(|module| module >= dead));
+            bench.presence.clear();
+            for module in 0..dead {
+                bench.power(module, true);
+            }
+            let woken = bench.now();
+            bench.flood(dead, woken + per_module * dead as u64);
+            for module in 0..dead {
+                let mut presence = bench.presence.iter();
+                let back = presence.find(|(_, who, is)| *who == module && *is == Presence::Online);
+                let (at, ..) = back.unwrap_or_else(|| panic!("{module} of {dead} is not back"));
+                worst = worst.max(at.since(woken));
+            }
+        }
+        println!(
+            "{dead} dead (heard before: {heard_before}), flood: {done} commands, oldest reading \
+             {oldest:?}, back after at most {worst:?}"
+        );
+        assert!(oldest <= Micros::from_secs(2), "{oldest:?}");
     }
 }
 
