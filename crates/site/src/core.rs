@@ -20,6 +20,7 @@ mod promises;
 mod pulse;
 mod quality;
 mod reload;
+mod rules;
 mod scene;
 mod schedule;
 mod state;
@@ -40,6 +41,7 @@ pub use lease::{LEASE_MAX, LEASE_MIN, LeaseTerms, Leased};
 pub(crate) use promises::{Board, Kept, Promise, Why, boards};
 pub use pulse::{By, PULSE_MAX, Pulse, PulseDone};
 pub use reload::Reloaded;
+pub(crate) use rules::RuleNow;
 pub(crate) use state::State;
 pub use stream::{Batch, News, Picture, PointReading};
 pub use within::{WITHIN_MAX, WITHIN_MIN, Within};
@@ -318,7 +320,9 @@ impl Core {
         let disk = self.state.schedule.writes_again_at();
         let quality = self.state.qualities.deadline();
         let stream = self.state.stream.deadline();
-        [task, disk, quality, stream].into_iter().flatten().min()
+        let rules = self.state.rules_deadline();
+        let all = [task, disk, quality, stream, rules];
+        all.into_iter().flatten().min()
     }
 
     /// Whether anything is in progress.
@@ -368,8 +372,24 @@ impl Core {
         }
         self.run();
         self.state.settle();
+        // What an act does in this step may concern other rules. None acts twice in a step.
+        while self.fire_rules() {
+            self.run();
+            self.state.settle();
+        }
         self.state.stream_out();
         result
+    }
+
+    /// Begins the actions of the rules that act now; says whether there are any.
+    fn fire_rules(&mut self) -> bool {
+        let firings = self.state.rules_due();
+        let is_any = !firings.is_empty();
+        for firing in firings {
+            let acts = self.context.clone().act(firing);
+            self.state.runs.add(Box::pin(acts));
+        }
+        is_any
     }
 
     /// Polls all procedures that can go on, in the order in which they became ready, until none

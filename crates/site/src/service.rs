@@ -34,7 +34,6 @@ use railbus_host::{Line, LineConfig, LineName, NameError, PortError, Probe, Prob
 use railbus_store::audit::{Audit, Entry, Origin};
 use railbus_wire::{Exchange, Instant, Micros, REPLY_TIMEOUT, Settings};
 use record::Journal;
-use rules::Standings;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -93,7 +92,6 @@ pub(crate) struct Inner {
     folder: Option<PathBuf>,
     audit: Audit,
     journal: Journal,
-    rules: Standings,
     updates: broadcast::Sender<Update>,
     news: broadcast::Sender<News>,
     runtime: tokio::runtime::Handle,
@@ -191,7 +189,6 @@ impl Service {
                 folder: folder.map(Path::to_owned),
                 audit: Audit::default(),
                 journal: Journal::default(),
-                rules: Standings::default(),
                 updates: broadcast::Sender::new(UPDATES_MAX),
                 news: broadcast::Sender::new(follow::NEWS_MAX),
                 runtime: tokio::runtime::Handle::current(),

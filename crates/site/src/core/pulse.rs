@@ -7,7 +7,7 @@ use super::promises::Why;
 use super::timers::Begin;
 use super::within::{TTL, Within};
 use super::write::note;
-use crate::config::Place;
+use crate::config::{Config, Place};
 use crate::rights::Who;
 use crate::{Failure, Pulses};
 use railbus_device::{Bank, Observation, Op, Point, PulseTiming};
@@ -81,9 +81,24 @@ impl Context {
         point: Point,
         pulse: Pulse,
     ) -> Result<PulseDone, Failure> {
+        let since = self.config();
+        self.pulse_since(&since, who, module, point, pulse).await
+    }
+
+    /// The same at the board that had the name in an earlier configuration, as one of several
+    /// steps: see [`Context::turn_since`].
+    pub(super) async fn pulse_since(
+        &self,
+        since: &Config,
+        who: &Who,
+        module: &str,
+        point: Point,
+        pulse: Pulse,
+    ) -> Result<PulseDone, Failure> {
         self.with(|state| state.may_command(who, module, &[point], pulse.confirm))?;
         let expires = self.expires(pulse.within);
-        let turn = self.turn(places(module, &[point]), expires).await?;
+        let output = places(module, &[point]);
+        let turn = self.turn_since(since, output, expires).await?;
         // Meanwhile the configuration may have changed, or the site begun to end.
         self.with(|state| state.may_command(who, module, &[point], pulse.confirm))?;
         // It may be another board by now, or keep the time otherwise.

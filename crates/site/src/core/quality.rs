@@ -70,6 +70,7 @@ impl State {
             let fault = line.fault();
             if line.told != fault {
                 line.told = fault;
+                self.rules.wake(self.now.site);
                 for module in &line.modules {
                     self.site.touch(module);
                 }

@@ -6,6 +6,7 @@ use super::guard::Guard;
 use super::lines::{LineNow, LineTurns};
 use super::promises::boards;
 use super::quality::Qualities;
+use super::rules::RuleStates;
 use super::schedule::Schedule;
 use super::stream::Stream;
 use super::turns::Turns;
@@ -37,6 +38,7 @@ pub(crate) struct State {
     /// The scenes that are being played.
     pub(super) playing: BTreeSet<String>,
     pub(super) runs: Runs,
+    pub(crate) rules: RuleStates,
     /// What was last told of every point.
     pub(super) qualities: Qualities,
     /// What is about to be told to all who follow.
@@ -80,6 +82,7 @@ impl State {
             commands: Commands::default(),
             playing: BTreeSet::new(),
             runs: Runs::default(),
+            rules: RuleStates::default(),
             qualities: Qualities::default(),
             stream: Stream::default(),
             polls,
@@ -437,6 +440,7 @@ impl State {
         self.guard.retain(|place| config.safety(place).is_some());
         self.own_pulses.retain(|place, _| !is_other(&place.module));
         self.may_have_gone_off(is_other, self.now.site);
+        self.rules.follow(self.site.config(), self.now.site);
     }
 
     /// Somebody else had these modules, who may have done anything, and the clock of their line
@@ -494,6 +498,7 @@ impl State {
 
     pub(crate) fn publish(&mut self, update: Update) {
         self.stream.take(&update);
+        self.rules.take(&update, self.now.site);
         self.runs.outputs.push_back(super::Output::Publish(update));
     }
 }

@@ -8,6 +8,7 @@ mod ends;
 mod names;
 mod outputs;
 mod places;
+mod rules;
 mod soak;
 mod stream;
 mod turns;

@@ -94,6 +94,7 @@ impl Loan {
     pub async fn end(mut self, text: Option<&str>) {
         self.is_over = true;
         let config = text.and_then(|text| Config::parse(text).ok());
+        self.service.tell_zone();
         let (line, id) = (self.line.clone(), self.id);
         self.service
             .ask(|core| async move { core.give_back(&line, id, config).await })

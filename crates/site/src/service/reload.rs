@@ -59,6 +59,7 @@ impl Service {
     ) -> Result<Result<Reloaded, E>, ReloadError> {
         let config = Config::parse(text)?;
         self.who.rights.may_reload(&self.config(), &config)?;
+        self.tell_zone();
         let end = Arc::new(Mutex::new(None));
         let ended = Arc::clone(&end);
         let store = Store(Box::pin(async move {

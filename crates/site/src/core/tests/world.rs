@@ -8,6 +8,7 @@ pub(super) use super::chance::{Dice, Faults};
 use crate::rights::Who;
 use crate::service::lock;
 use crate::{Failure, Rights};
+use jiff::tz::TimeZone;
 pub(super) use lines::Seat;
 use lines::{Board, Wire};
 use railbus_device::{Bank, Point, PointKind};
@@ -126,6 +127,8 @@ pub(super) struct World {
     pub(super) end_takes: Option<Micros>,
     /// How long a port hangs that is being closed.
     pub(super) port_hangs: Micros,
+    /// Rules act, from the start of the process on.
+    pub(super) has_rules: bool,
 }
 
 pub(super) const fn ms(millis: u64) -> Micros {
@@ -168,6 +171,7 @@ impl World {
             audit_takes: None,
             end_takes: None,
             port_hangs: Micros::ZERO,
+            has_rules: false,
         };
         world.start();
         world
@@ -188,6 +192,20 @@ impl World {
         }
         self.core.as_mut().unwrap().take_up(now);
         self.add(Micros(1), Due::Poll);
+        self.drain();
+        if self.has_rules {
+            self.run_rules();
+        }
+    }
+
+    /// Rules act from now on.
+    pub(super) fn run_rules(&mut self) {
+        self.has_rules = true;
+        let now = self.time();
+        self.core.as_mut().unwrap().change(now, |state| {
+            let config = state.site.config();
+            state.rules.start(config, TimeZone::UTC, now.site);
+        });
         self.drain();
     }
 
