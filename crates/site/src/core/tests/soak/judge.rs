@@ -3,6 +3,7 @@
 
 use super::*;
 use railbus_device::Bank;
+use railbus_store::history::Event;
 
 /// The board that a configuration has a name for.
 fn seat(config: &Config, module: &str) -> Option<Seat> {
@@ -28,9 +29,13 @@ impl Soak {
         configs.filter_map(|config| seat(config, module)).collect()
     }
 
-    /// Of ends that were reported as dropped nothing is expected.
+    /// Of ends that were reported as dropped nothing is expected; and what a rule does is told.
     pub(super) fn take_events(&mut self) {
         for event in std::mem::take(&mut self.world.events) {
+            if event.who.is_some() {
+                self.take_act(&event);
+                continue;
+            }
             let (Some("end_dropped"), Some(line), Some(text)) =
                 (event.code.as_deref(), event.line, event.text)
             else {
@@ -43,6 +48,45 @@ impl Soak {
             self.expected.insert(relay, any);
             self.dropped.push((self.world.now, text));
         }
+    }
+
+    /// The rule acts, or has failed at something, or has ended.
+    fn take_act(&mut self, event: &Event) {
+        let gate = (at("gate", 2), Asked::Write(true));
+        let oven = (at("oven", 6), Asked::Write(false));
+        match (event.code.as_deref(), &mut self.act) {
+            (Some("rule_fired"), act) => {
+                assert!(act.is_none(), "it acts twice at once");
+                let (_, number, _) = self.begin(vec![gate, oven], false);
+                self.orders -= 1;
+                self.commands[number].who = event.who.clone().unwrap();
+                self.act = Some((number, BTreeMap::new()));
+            }
+            (Some("rule_failed"), Some((_, failed))) if event.text.as_deref() != Some("busy") => {
+                let acted = ["no_reply", "unknown", "not_verified", "not_taken_over"];
+                let told = match acted.contains(&event.end.as_deref().unwrap()) {
+                    true => Told::Perhaps,
+                    false => Told::AsItWas,
+                };
+                failed.insert(event.what.clone().unwrap(), told);
+            }
+            (Some("notify"), Some((number, failed))) => {
+                let told = |what: &str, is| failed.get(what).copied().unwrap_or(Told::Is(is));
+                let ends = vec![told("gate.k2=on", true), told("oven.k6=off", false)];
+                self.tolds.lock().unwrap().push((*number, ends));
+                (self.act, self.acts) = (None, self.acts + 1);
+            }
+            _ => {}
+        }
+    }
+
+    /// Whether an entry of the audit log is of this command. A rule has many with its name, one
+    /// after the other.
+    fn is_of(&self, number: usize, entry: &Logged) -> bool {
+        let Command {
+            who, began, ended, ..
+        } = &self.commands[number];
+        entry.who == *who && *began <= entry.began && ended.is_none_or(|end| entry.began < end)
     }
 
     pub(super) fn expected(&self, relay: &Relay) -> Expected {
@@ -67,9 +111,8 @@ impl Soak {
 
     /// The frames of a part of a command that were obeyed, the newest first.
     fn obeyed(&self, number: usize, place: &Place) -> Vec<(Seat, bool)> {
-        let command = &self.commands[number];
         let entries = self.world.log.iter().rev().take(400);
-        let entries: Vec<_> = entries.filter(|e| e.who == command.who).collect();
+        let entries: Vec<_> = entries.filter(|e| self.is_of(number, e)).collect();
         let mask = bit(place.point.index + 1);
         let obeyed = self.world.acted.iter().rev().take(400).filter(|acted| {
             let is_of = acted.module == place.module && acted.set.mask & mask != 0;
@@ -125,7 +168,7 @@ impl Soak {
         }
         let entries = self.world.log.iter().rev().take(400);
         let output = place.point.index + 1;
-        let entries = entries.filter(|e| e.who == command.who && e.module == place.module);
+        let entries = entries.filter(|e| self.is_of(number, e) && e.module == place.module);
         let entries = entries.filter(|entry| names(entry, output));
         entries.filter_map(|entry| Some(entry.ended?.0)).max()
     }
@@ -226,10 +269,11 @@ impl Soak {
                 let Some(entry) = entries.iter().find(|entry| names(entry, number)) else {
                     return Err(format!("nobody asked for {acted:?}"));
                 };
-                let asked = self.commands.iter().find(|c| c.who == entry.who);
-                let Some(command) = asked else {
+                let mut numbers = (0..self.commands.len()).rev();
+                let Some(number) = numbers.find(|number| self.is_of(*number, entry)) else {
                     continue;
                 };
+                let command = &self.commands[number];
                 if !self
                     .had_name(&acted.module, entry.began)
                     .contains(&acted.seat)
@@ -237,7 +281,8 @@ impl Soak {
                     return Err(format!("{entry:?} was not for that board: {acted:?}"));
                 }
                 let mut seats = command.asked.iter().map(|(_, seat, _)| seat);
-                if command.is_single && !seats.any(|seat| *seat == acted.seat) {
+                let is_of_board = command.is_single || entry.who == "rule:watch";
+                if is_of_board && !seats.any(|seat| *seat == acted.seat) {
                     return Err(format!("{entry:?} was asked of another board: {acted:?}"));
                 }
                 let late = |expires: Micros| acted.at > expires + ms(100);

@@ -11,6 +11,12 @@ const LINES: [(&str, &str); 3] = [
     ("spare", "/dev/ttyS7"),
 ];
 
+/// What it does is told by events: the last one, when it has ended.
+const RULE: &str = "[rule.watch]\nwhen = { point = \"oven.k6\", is = true }\n\
+    for = \"200ms\"\narmed = true\n\
+    then = [{ set = \"gate.k2\", to = true }, { set = \"oven.k6\", to = false }, \
+    { notify = \"it has ended\" }]\n";
+
 /// Which names there are, and which boards they stand for.
 #[derive(Clone, Debug)]
 pub(super) struct Layout {
@@ -168,6 +174,6 @@ impl Layout {
         steps.insert(1, "{ wait = \"300ms\" }".to_owned());
         steps.push("{ set = \"oven.k4\", to = false }".to_owned());
         writeln!(text, "[scene.dusk]\nsteps = [{}]", steps.join(", ")).unwrap();
-        text
+        text + RULE
     }
 }
