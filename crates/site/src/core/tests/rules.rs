@@ -205,6 +205,11 @@ fn another_configuration_leaves_running_delays_alone() {
     reload(&mut world, &format!("{long}{more}"));
     assert_eq!(world.phase("night"), holding);
     assert_eq!(world.phase("other"), None, "not armed");
+    // What is not stopped is not begun anew.
+    let now = world.time();
+    let core = world.core.as_mut().unwrap();
+    core.change(now, |state| state.rules.begin_anew("night", now.site));
+    assert_eq!(world.phase("night"), holding);
     // Another name is not another rule; another time is.
     reload(&mut world, &format!("{long}name = \"Night\"\n"));
     assert_eq!(world.phase("night"), holding);
@@ -239,21 +244,39 @@ fn a_rule_does_not_act_on_what_another_board_was() {
     }
 }
 
-/// What a rule began for one board it does not go on with at another.
+/// What a rule began at one board it does not go on with at another that gets the name of the next.
 #[test]
 fn an_act_does_not_go_on_at_a_board_that_gets_the_name() {
-    let more = "{ pulse = \"yard.k3\", width = \"1s\" }, { set = \"yard.k4\", to = true }";
-    let rule = NIGHT.replace("{ notify = \"night\" }", more);
-    for after in (0..400).step_by(5) {
-        let mut world = site(&rule.replace("300ms", "0s"));
-        world.move_by_hand("oven", 1);
-        world.pass(ms(after));
-        world.reload(&named(4, 3, &rule.replace("300ms", "0s")), true);
-        world.move_by_hand("oven", 0);
-        world.pass(ms(4_000));
-        let boards: BTreeSet<u8> = world.acted.iter().map(|acted| acted.seat.1).collect();
-        assert!(boards.len() < 2, "after {after}: {:?}", world.acted);
-        assert!(world.state().is_at_rest(), "after {after}");
+    let gate = "[module.gate]\nline = \"main\"\nmodel = \"erc8\"\naddress = 7\n";
+    for next in [
+        "{ set = \"yard.k4\", to = true }",
+        "{ pulse = \"yard.k4\", width = \"1s\" }",
+    ] {
+        let then = format!("then = [{{ set = \"gate.k2\", to = true }}, {next}]");
+        let when = "when = { point = \"gate.k1\", is = true }";
+        let more = format!("{gate}[rule.night]\n{when}\n{then}\narmed = true\n");
+        let mut ways = BTreeSet::new();
+        for after in (0..300).step_by(5) {
+            let mut world = site(&more);
+            world.polls = false;
+            world.disk_takes = Some(ms(2));
+            world.hold_line(ms(150));
+            world.reads("gate", 1, world.now);
+            world.pass(ms(after));
+            world.reload(&named(4, 3, &more), true);
+            world.pass(ms(4_000));
+            let acted = world.acted.iter().map(|acted| acted.seat.1);
+            let acted: BTreeSet<u8> = acted.collect();
+            assert!(!acted.contains(&3), "{next} after {after}: {acted:?}");
+            assert!(acted.contains(&7), "{next} after {after}: {acted:?}");
+            assert!(world.state().is_at_rest(), "{next} after {after}");
+            ways.insert(acted);
+        }
+        assert_eq!(
+            ways.len(),
+            2,
+            "before the reload, and cut short by it: {ways:?}"
+        );
     }
 }
 
@@ -337,28 +360,62 @@ fn a_time_of_day_is_that_of_the_clock_on_the_wall_however_that_is_set() {
     assert_eq!(world.codes(), [""; 0]);
     world.pass(Micros(1));
     assert_eq!(world.codes(), ["two rule_fired"]);
-    // Set back and forward again: it was missed by too much, and the next one is tomorrow's.
-    world.pass(ms(10_000));
-    world.wall_behind = ms(1_800_000 + 60_000);
-    world.pass(ms(31_000));
-    world.wall_behind = ms(1_800_000 - 600_000);
-    world.pass(ms(100_000));
-    assert_eq!(world.codes(), [""; 0]);
-    let next = world.state().rules_now().remove(0).next;
-    assert_eq!(next, Some(two.as_millisecond() + 86_400_000));
 }
 
-/// A site that ends begins nothing.
+/// A time of day that is passed over is kept for a minute, and noticed within half of one.
+#[test]
+fn a_time_of_day_that_the_clock_is_set_over_is_skipped_if_that_is_too_far() {
+    let rule = "[rule.two]\nwhen = { time = \"14:00\" }\n\
+         then = [{ set = \"yard.k2\", to = true }]\narmed = true\n";
+    for (over, codes) in [(20, &["two rule_fired"][..]), (61, &[])] {
+        let mut world = World::new(&named(3, 4, rule), 1);
+        world.polls = false;
+        world.wall_behind = ms(3_600_000);
+        world.pass(ms(300));
+        world.run_rules();
+        world.pass(ms(40_000) - world.now);
+        assert_eq!(world.codes(), [""; 0]);
+        // From 12:47:20 to so many seconds after two.
+        world.pass(ms(2_000_000));
+        world.wall_behind = world.now - ms(800_000 + over * 1_000);
+        world.pass(ms(31_000));
+        assert_eq!(world.codes(), codes);
+    }
+}
+
+/// A site that ends begins nothing, however long that takes.
 #[test]
 fn no_rule_acts_while_the_site_ends() {
-    let mut world = site(NIGHT);
-    world.move_by_hand("oven", 1);
-    world.pass(ms(251));
-    assert!(matches!(world.phase("night"), Some(Phase::Holding(_))));
-    world.close();
-    world.pass(ms(1_000));
+    let mut world = site(&NIGHT.replace("300ms", "0s"));
+    let width = Some(ms(10_000));
+    let pulse = Pulse {
+        width,
+        ..Pulse::default()
+    };
+    world.pulse("mara", ("yard", 5), pulse);
+    world.pass(ms(500));
+    world.hold_line(ms(1_000));
+    let closed = world.close();
+    world.pass(ms(500));
+    assert!(closed.get().is_none());
+    world.reads("oven", 1, world.now);
+    world.pass(ms(3_000));
     assert_eq!(world.codes(), [""; 0]);
+    assert!(closed.get().is_some());
     assert_eq!(world.core.as_ref().unwrap().deadline(), None);
+}
+
+#[test]
+fn each_rule_has_its_own_time() {
+    let [soon, late] = [("soon", "300ms"), ("late", "900ms")]
+        .map(|(id, time)| NIGHT.replace("night", id).replace("300ms", time));
+    let mut world = site(&(late + &soon));
+    world.polls = false;
+    world.reads("oven", 1, world.now);
+    world.pass(ms(300));
+    assert_eq!(world.codes(), ["soon rule_fired"]);
+    world.pass(ms(600));
+    assert_eq!(world.codes(), ["soon notify", "late rule_fired"]);
 }
 
 /// A port that can't be opened is known to be gone when the rules begin.
