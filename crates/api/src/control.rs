@@ -177,8 +177,8 @@ pub struct SceneRequest {
     /// The operation is confirmed, for outputs that require it.
     #[serde(default)]
     pub confirm: bool,
-    /// Each step must be sent within this time from when it comes, from 200 to 60000 ms, or it is not
-    /// sent; 5000 by default.
+    /// Each step must be sent within this time from when it comes, from 200 to 60000 ms, or it is
+    /// not sent; 5000 by default.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub within_ms: Option<u64>,
 }
