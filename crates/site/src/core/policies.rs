@@ -1,10 +1,11 @@
 //! What happens to outputs when something is lost or comes back.
 
 use super::context::Context;
-use super::order::{TTL, places};
+use super::order::places;
 use super::promises::{Key, Promise, Why};
 use super::state::State;
 use super::timers::Timer;
+use super::within::TTL;
 use super::write::WriteTerms;
 use crate::config::{Config, Place, Policy, Safety};
 use crate::rights::Who;

@@ -2,7 +2,7 @@
 //! to the caller.
 
 use super::context::Context;
-use super::order::{Entry, Order, channel, places};
+use super::order::{Entry, Order, channel};
 use super::promises::Why;
 use super::timers::Begin;
 use super::within::{TTL, Within};
@@ -97,7 +97,7 @@ impl Context {
     ) -> Result<PulseDone, Failure> {
         self.with(|state| state.may_command(who, module, &[point], pulse.confirm))?;
         let expires = self.expires(pulse.within);
-        let output = places(module, &[point]);
+        let output = [Place::new(module, point)];
         let turn = self.turn_since(since, output, expires).await?;
         // Meanwhile the configuration may have changed, or the site begun to end.
         self.with(|state| state.may_command(who, module, &[point], pulse.confirm))?;

@@ -408,6 +408,7 @@ impl Context {
                 _ if has_failed => Err(Failure::NotTried),
                 Action::Set(Place { module, point }, on) => {
                     let (set, terms) = ([(*point, *on)], WriteTerms::default());
+                    let terms = (terms, self.expires(terms.within));
                     let done = self.write_since(&since, &who, module, &set, terms);
                     done.await.map(drop)
                 }

@@ -3,7 +3,7 @@
 use super::context::Context;
 use super::order::{Entry, Order, bank_state, channel, places};
 use super::turns::Turn;
-use super::within::{TTL, Within};
+use super::within::Within;
 use crate::Failure;
 use crate::config::Config;
 use crate::config::Place;

@@ -171,8 +171,8 @@ fn what_was_not_sent_within_its_time_is_not_sent() {
     }
 }
 
-/// No command waits longer for a disk that does not answer than it has, neither for the longest time
-/// of an output nor for what is noted of how long it must stay off.
+/// No command waits longer than its time for a disk that does not answer, neither for the longest
+/// time of an output nor for what is noted of how long it must stay off.
 #[test]
 fn who_gave_a_command_waits_no_longer_for_the_disk() {
     for points in ["k1 = { max_on = \"60s\" }\n", "k1 = { min_off = \"1s\" }\n"] {
