@@ -95,7 +95,8 @@ pub struct LineConfig {
 }
 
 /// A module.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Debug, PartialEq)]
+#[cfg_attr(not(test), derive(Clone))]
 pub struct ModuleConfig {
     /// The line it is connected to.
     pub line: String,
@@ -113,6 +114,29 @@ pub struct ModuleConfig {
     pub name: Name,
     /// Its location: pages group modules by it.
     pub area: Option<String>,
+}
+
+/// How many modules were copied whose area says that they are counted.
+#[cfg(test)]
+pub(crate) static CLONES: std::sync::atomic::AtomicUsize = std::sync::atomic::AtomicUsize::new(0);
+
+#[cfg(test)]
+impl Clone for ModuleConfig {
+    fn clone(&self) -> ModuleConfig {
+        if self.area.as_deref() == Some("counted") {
+            CLONES.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+        }
+        ModuleConfig {
+            line: self.line.clone(),
+            setup: self.setup,
+            plan: self.plan,
+            range: self.range.clone(),
+            points: self.points.clone(),
+            settings: self.settings.clone(),
+            name: self.name.clone(),
+            area: self.area.clone(),
+        }
+    }
 }
 
 /// The settings of a point.

@@ -1,5 +1,6 @@
 //! A running site: its open lines, and its [`Core`], driven by them, by the clock and by callers.
 
+mod alarm;
 mod driver;
 mod entries;
 mod follow;
@@ -28,6 +29,7 @@ pub use update::{Update, Updates};
 use crate::core::{Command, Context, Core, Input, LineId, News, Now, TaskId};
 use crate::rights::Who;
 use crate::{Config, Failure, Rights};
+use alarm::Alarm;
 use entries::Waits;
 use railbus_device::{Module, SetupError};
 use railbus_host::{Line, LineConfig, LineName, NameError, PortError, Probe, ProbeResult, Tap};
@@ -37,9 +39,10 @@ use record::Journal;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::SystemTime;
-use tokio::sync::{Notify, broadcast, oneshot};
+use tokio::sync::{broadcast, oneshot};
+use tokio::task::AbortHandle;
 
 /// The default timeout of a raw frame.
 const RAW_TIMEOUT: Micros = REPLY_TIMEOUT;
@@ -86,8 +89,8 @@ pub struct Service {
 
 pub(crate) struct Inner {
     driven: Mutex<Driven>,
-    /// The core has to be told of the time earlier than it was to be.
-    alarm: Arc<Notify>,
+    /// Tells the core of the time.
+    clock: OnceLock<AbortHandle>,
     /// Where what must outlive the process is kept.
     folder: Option<PathBuf>,
     audit: Audit,
@@ -106,8 +109,7 @@ struct Driven {
     core: Core,
     lines: BTreeMap<LineId, Line>,
     waits: Waits,
-    /// When the core is told of the time, of the site, at the latest.
-    alarm_at: Option<Micros>,
+    alarm: Alarm,
     /// While something is in progress, the site lives on after its last handle is dropped.
     site: Option<Arc<Inner>>,
 }
@@ -124,7 +126,9 @@ impl fmt::Debug for Inner {
 impl Drop for Inner {
     /// Stops the task that reports the time.
     fn drop(&mut self) {
-        self.alarm.notify_one();
+        if let Some(clock) = self.clock.get() {
+            clock.abort();
+        }
     }
 }
 
@@ -176,33 +180,32 @@ impl Service {
             site: Micros::ZERO,
             wall: SystemTime::now(),
         };
+        let start = tokio::time::Instant::now();
         let service = Service {
             inner: Arc::new(Inner {
                 driven: Mutex::new(Driven {
                     core: Core::new(now, config, polls, kept),
                     lines: BTreeMap::new(),
                     waits: Waits::default(),
-                    alarm_at: None,
+                    alarm: Alarm::new(start),
                     site: None,
                 }),
-                alarm: Arc::default(),
+                clock: OnceLock::new(),
                 folder: folder.map(Path::to_owned),
                 audit: Audit::default(),
                 journal: Journal::default(),
                 updates: broadcast::Sender::new(UPDATES_MAX),
                 news: broadcast::Sender::new(follow::NEWS_MAX),
                 runtime: tokio::runtime::Handle::current(),
-                start: tokio::time::Instant::now(),
+                start,
                 polls,
                 #[cfg(test)]
                 counts: Mutex::default(),
             }),
             who: Who::program("railbus"),
         };
-        tokio::spawn(driver::tell_time(
-            Arc::downgrade(&service.inner),
-            Arc::clone(&service.inner.alarm),
-        ));
+        let clock = tokio::spawn(driver::tell_time(Arc::downgrade(&service.inner)));
+        _ = service.inner.clock.set(clock.abort_handle());
         for (name, prepared) in names.into_iter().zip(prepared) {
             service.open(&name, prepared)?;
         }
@@ -228,7 +231,7 @@ impl Service {
 
     /// Opens a line of a site that begins.
     fn open(&self, name: &str, config: LineConfig) -> Result<(), StartError> {
-        let mut driven = lock(&self.inner.driven);
+        let mut driven = self.inner.driven();
         let now = self.inner.now();
         if let Some(id) = driven.core.state(now).line_opens(name) {
             let began = self.inner.open(&mut driven, (name, id), config);
@@ -254,7 +257,7 @@ impl Service {
     /// A command that was given lately, by its number.
     #[must_use]
     pub fn command(&self, id: &str) -> Option<Command> {
-        lock(&self.inner.driven).core.command(id).cloned()
+        self.inner.driven().core.command(id).cloned()
     }
 
     /// Waits until the port of a line is open, or could not be opened once.
@@ -290,7 +293,9 @@ impl Service {
             let end = |value| _ = end.send(value);
             core.start(now, procedure, end)
         });
-        ended.await.ok()
+        let end = ended.await.ok();
+        self.inner.count("hand-overs");
+        end
     }
 
     /// The same for a procedure that is cancelled if the caller goes away.
@@ -308,7 +313,9 @@ impl Service {
             inner: Arc::clone(&self.inner),
             task,
         };
-        ended.await.ok()
+        let end = ended.await.ok();
+        self.inner.count("hand-overs");
+        end
     }
 
     /// Sends a raw read between the line's own exchanges.

@@ -5,31 +5,32 @@ use crate::core::{Core, Input, LineId, Now, Output, Reply, RequestId, State};
 use railbus_host::{Fault, Line, LineConfig, LineEvent, PortError, RunId, Terms};
 use railbus_store::audit::Waiting;
 use railbus_wire::{Instant, Micros};
-use std::sync::{Arc, Weak};
-use std::time::{Duration, SystemTime};
-use tokio::sync::Notify;
+use std::future::poll_fn;
+use std::sync::{Arc, MutexGuard, Weak};
+use std::task::{Poll, ready};
+use std::time::SystemTime;
 
-/// Tells the core of the time when it wants that.
-pub(super) async fn tell_time(site: Weak<Inner>, alarm: Arc<Notify>) {
+/// Tells the core of the time when it wants that, and those who have waited for the audit log long
+/// enough.
+pub(super) async fn tell_time(site: Weak<Inner>) {
     let _goes = Goes(Weak::clone(&site));
-    let mut next = None;
     loop {
-        tokio::select! {
-            () = alarm.notified() => {}
-            () = sleep_until(next) => {}
-        }
+        let rings = poll_fn(|cx| {
+            let Some(inner) = site.upgrade() else {
+                return Poll::Ready(Vec::new());
+            };
+            inner.count("of time");
+            let mut driven = inner.driven();
+            ready!(driven.alarm.poll(cx));
+            Poll::Ready(driven.waits.overdue(inner.now().site))
+        });
+        let overdue = rings.await;
         let Some(inner) = site.upgrade() else {
             return;
         };
+        overdue.iter().for_each(Waiting::give_up);
         inner.count("of time");
         inner.drive(|core, now| core.handle(now, Input::Time));
-        let overdue = lock(&inner.driven).waits.overdue(inner.now().site);
-        overdue.iter().for_each(Waiting::give_up);
-        let mut driven = lock(&inner.driven);
-        driven.alarm_at = driven.deadline();
-        next = driven
-            .alarm_at
-            .map(|at| inner.start + Duration::from_micros(at.0));
     }
 }
 
@@ -40,16 +41,9 @@ struct Goes(Weak<Inner>);
 impl Drop for Goes {
     fn drop(&mut self) {
         if let Some(inner) = self.0.upgrade() {
-            let site = lock(&inner.driven).site.take();
+            let site = inner.driven().site.take();
             drop(site);
         }
-    }
-}
-
-async fn sleep_until(at: Option<tokio::time::Instant>) {
-    match at {
-        Some(at) => tokio::time::sleep_until(at).await,
-        None => std::future::pending().await,
     }
 }
 
@@ -73,7 +67,7 @@ impl Driven {
 impl Inner {
     /// The line's handle, where it is open.
     pub(super) fn handle(&self, line: &str) -> Option<Line> {
-        let mut driven = lock(&self.driven);
+        let mut driven = self.driven();
         let id = driven.core.state(self.now()).lines.get(line)?.open()?;
         driven.lines.get(&id).cloned()
     }
@@ -108,6 +102,12 @@ impl Inner {
         Ok(began)
     }
 
+    /// The core, and what it is driven with. Whoever has this waits for nobody.
+    pub(super) fn driven(&self) -> MutexGuard<'_, Driven> {
+        self.count("locks");
+        lock(&self.driven)
+    }
+
     pub(super) fn now(&self) -> Now {
         let passed = self.start.elapsed().as_micros();
         Now {
@@ -118,7 +118,7 @@ impl Inner {
 
     /// Looks at what is known.
     pub(super) fn read<T>(&self, look: impl FnOnce(&mut State) -> T) -> T {
-        look(lock(&self.driven).core.state(self.now()))
+        look(self.driven().core.state(self.now()))
     }
 
     /// Changes what is known, as one step.
@@ -128,19 +128,13 @@ impl Inner {
 
     /// Lets the core take a step, and does what it says.
     pub(super) fn drive<T>(self: &Arc<Inner>, step: impl FnOnce(&mut Core, Now) -> T) -> T {
-        self.count("steps");
-        let mut driven = lock(&self.driven);
+        let mut driven = self.driven();
         let result = step(&mut driven.core, self.now());
         while let Some(output) = driven.core.poll() {
             self.carry_out(&mut driven, output);
         }
         let next = driven.deadline();
-        if let Some(at) = next
-            && driven.alarm_at.is_none_or(|alarm_at| at < alarm_at)
-        {
-            driven.alarm_at = next;
-            self.alarm.notify_one();
-        }
+        driven.alarm.set(next);
         driven.site = driven.core.is_busy().then(|| Arc::clone(self));
         result
     }
@@ -172,6 +166,7 @@ impl Inner {
                 let expires = Some(line.now() + left);
                 let terms = Terms { verify, expires };
                 let run = RunId(request.0);
+                self.count("hand-overs");
                 if let Err(fault) = line.submit(run, at.module, op, terms) {
                     let input = Input::Done(request, Reply::Ran(Err(fault)));
                     driven.core.handle(self.now(), input);
@@ -205,6 +200,7 @@ impl Inner {
                 change,
             } => {
                 let line = driven.lines.get(&line).cloned();
+                self.count("hand-overs");
                 self.runtime.spawn(async move {
                     if let Some(line) = line {
                         // Fails where the whole site is being closed.
@@ -214,6 +210,7 @@ impl Inner {
                 });
             }
             Output::Store { request, store } => {
+                self.count("hand-overs");
                 self.runtime.spawn(async move {
                     let stored = store.0.await;
                     inner.done(request, Reply::Stored(stored));
@@ -223,6 +220,7 @@ impl Inner {
             Output::Keep(promises) => match self.folder.clone() {
                 None => driven.core.handle(self.now(), Input::Kept(Ok(()))),
                 Some(folder) => {
+                    self.count("hand-overs");
                     _ = self.runtime.spawn(async move {
                         let write = move || promise_file::write(&folder, &promises);
                         let end = tokio::task::spawn_blocking(write).await;
@@ -248,13 +246,13 @@ impl Inner {
 
     /// Counts what a command costs, for the tests.
     #[cfg(test)]
-    fn count(&self, what: &'static str) {
+    pub(super) fn count(&self, what: &'static str) {
         *lock(&self.counts).entry(what).or_default() += 1;
     }
 
     #[cfg(not(test))]
     #[allow(clippy::unused_self)]
-    const fn count(&self, _what: &'static str) {}
+    pub(super) const fn count(&self, _what: &'static str) {}
 
     fn done(self: &Arc<Inner>, request: RequestId, reply: Reply) {
         self.drive(|core, now| core.handle(now, Input::Done(request, reply)));
@@ -270,42 +268,124 @@ mod board;
 mod tests {
     use super::super::Service;
     use super::*;
+    use crate::config::CLONES;
     use crate::{Config, WriteTerms};
-    use railbus_store::audit::AuditLog;
+    use railbus_store::audit::{AuditLog, End, Entry, Origin};
+    use std::sync::atomic::Ordering;
+    use std::sync::mpsc;
+    use std::time::Duration;
 
-    /// A write with its read-back: the steps of the core, each with one lock, but for those that
-    /// the events of its line take anyway; and the tasks that wait for something meanwhile.
-    async fn cost_of_a_write(service: &Service) -> (usize, usize) {
+    const OVEN: &str = "[module.oven]\nline = \"main\"\nmodel = \"erc8\"\naddress = 3\n";
+
+    async fn oven(port: &str, more: &str) -> Service {
+        let text = format!("[line.main]\nport = \"{port}\"\n{OVEN}{more}");
+        let service = Service::start_quiet(Config::parse(&text).unwrap()).unwrap();
+        service.opened("main").await.unwrap();
+        service
+    }
+
+    /// What a write with its read-back costs: how often the core's lock is taken, but for the
+    /// events of its line, which are handled under it anyway, and for the time; how often a task
+    /// or thread wakes another one; and how many configurations of its module are copied.
+    async fn cost_of_a_write(service: &Service) -> (usize, usize, usize) {
         let cost = || {
             let counts = lock(&service.inner.counts);
             let of = |what| counts.get(what).copied().unwrap_or_default();
-            (of("steps") - of("of lines") - of("of time"), of("tasks"))
+            let clones = CLONES.load(Ordering::Relaxed);
+            let locks = of("locks") - of("of lines") - of("of time");
+            (locks, of("hand-overs"), clones)
         };
         let before = cost();
         let set = [(board::k(1), true)];
         let done = service.write("oven", &set, WriteTerms::default()).await;
         assert!(done.is_ok(), "{done:?}");
         let after = cost();
-        (after.0 - before.0, after.1 - before.1)
+        (after.0 - before.0, after.1 - before.1, after.2 - before.2)
     }
 
     #[tokio::test]
-    async fn a_write_takes_a_step_to_begin_one_for_each_entry_and_none_for_its_end() {
+    async fn a_write_takes_the_lock_once_and_once_more_for_its_entry_and_wakes_four() {
         let (port, _boards) = board::start().await;
-        let text = format!(
-            "[line.main]\nport = \"{port}\"\n\
-             [module.oven]\nline = \"main\"\nmodel = \"erc8\"\naddress = 3\n"
-        );
-        let service = Service::start_quiet(Config::parse(&text).unwrap()).unwrap();
-        service.opened("main").await.unwrap();
-        assert_eq!(cost_of_a_write(&service).await, (1, 0), "without a log");
+        let service = oven(&port, "area = \"counted\"\n").await;
+        // To the line, and back.
+        assert_eq!(cost_of_a_write(&service).await, (1, 2, 0), "without a log");
 
         let folder = std::env::temp_dir().join(format!("railbus-cost-{}", std::process::id()));
         let (log, _) = AuditLog::open(&folder).unwrap();
         service.keep_audit(log);
-        let (steps, tasks) = cost_of_a_write(&service).await;
-        // Fewer where the log has written a record before it is looked at.
-        assert!(steps <= 3 && tasks <= 2, "with a log: {steps}, {tasks}");
+        for _ in 0..3 {
+            // To the log, from there to the line, from there to the log, and back.
+            assert_eq!(cost_of_a_write(&service).await, (2, 4, 0), "with a log");
+        }
+        let before = CLONES.load(Ordering::Relaxed);
+        assert_eq!(service.config().modules["oven"].clone().line, "main");
+        assert_eq!(
+            CLONES.load(Ordering::Relaxed),
+            before + 1,
+            "they are counted"
+        );
+        service.close().await;
+        let _ = std::fs::remove_dir_all(folder);
+    }
+
+    /// The thread of a log does nothing until this is dropped.
+    fn hold_up(log: &AuditLog) -> mpsc::Sender<()> {
+        let (goes_on, waits) = mpsc::channel::<()>();
+        let entry = Entry {
+            id: String::new(),
+            at: SystemTime::now(),
+            origin: Origin::program("test"),
+            module: String::new(),
+            what: String::new(),
+            end: None,
+        };
+        let then = Box::new(move |_| _ = waits.recv());
+        let _ = log.begin(entry, String::new(), then);
+        goes_on
+    }
+
+    /// A disk that hangs holds up a command for as long as it may and no longer, and is told once.
+    #[tokio::test]
+    async fn a_log_that_hangs_is_waited_for_in_vain() {
+        let (port, _boards) = board::start().await;
+        let service = oven(&port, "").await;
+        let name = format!("railbus-hangs-{}", std::process::id());
+        let folder = std::env::temp_dir().join(name);
+        let (log, _) = AuditLog::open(&folder).unwrap();
+        service.keep_audit(log.clone());
+        let mut followed = service.follow_events();
+        let goes_on = hold_up(&log);
+        let set = [(board::k(1), true)];
+        let terms = WriteTerms::default();
+        log.require(true);
+        let begun = std::time::Instant::now();
+        let refused = service.write("oven", &set, terms).await;
+        assert_eq!(refused, Err(crate::Failure::NotAudited));
+        assert!(begun.elapsed() >= log.patience(), "{:?}", begun.elapsed());
+        assert!(log.is_failing());
+        log.require(false);
+        // Its beginning and its end are not waited for as long any more.
+        assert!(log.patience() < Duration::from_secs(1));
+        let done = service.write("oven", &set, terms).await.unwrap();
+        drop(goes_on);
+        // By now the log has both, and what comes is written again.
+        let next = service.write("oven", &set, terms).await.unwrap();
+        assert!(!log.is_failing());
+        let mut told = Vec::new();
+        while told.len() < 4 {
+            let event = followed.next().await.unwrap().unwrap();
+            let of = (event.code.unwrap_or_default(), event.id);
+            told.push(if of.0 == "write" { of.1 } else { of.0 });
+        }
+        assert_eq!(
+            told,
+            ["audit_fails", &*done.audit, "audit_works", &*next.audit]
+        );
+        let page = log.page(None, 9, Default::default()).await.unwrap();
+        let ends: Vec<_> = page.entries.iter().map(|entry| entry.end.clone()).collect();
+        let readback = Some(End::Readback.name().to_owned());
+        // Of the refused one and of the one that held it up there is no end.
+        assert_eq!(ends, [readback.clone(), readback, None, None]);
         service.close().await;
         let _ = std::fs::remove_dir_all(folder);
     }

@@ -102,6 +102,7 @@ impl Inner {
                 core.handle(now, Input::Done(request, Reply::Begun(begun)));
             });
         };
+        self.count("hand-overs");
         let waiting = log.begin(entry, before, Box::new(then));
         driven.waits.add((log, now.site), request, waiting);
     }
@@ -145,6 +146,7 @@ impl Inner {
         let inner = Arc::clone(self);
         // What could not be written is counted in the log itself.
         let then = move |_| inner.tell_event(*event);
+        self.count("hand-overs");
         let waiting = log.end(&id, end, after, Box::new(then));
         driven.waits.add((log, self.now().site), request, waiting);
     }

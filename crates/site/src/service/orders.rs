@@ -76,8 +76,10 @@ impl Service {
             core.start(now, |context| procedure(context, who), end);
             Ok::<(), Failure>(())
         })?;
+        let end = ended.await;
+        self.inner.count("hand-overs");
         // There is none only where a procedure has broken down.
-        ended.await.unwrap_or_else(|_| Err(Fault::Unknown.into()))
+        end.unwrap_or_else(|_| Err(Fault::Unknown.into()))
     }
 
     /// Brings outputs of one module into these states with one command of the line, and leaves
