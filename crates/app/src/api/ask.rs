@@ -131,7 +131,6 @@ pub async fn write(
     path: &str,
     wanted: WriteRequest,
 ) -> Result<Written, Problem> {
-    let (module, point) = find(service, path)?;
     let terms = WriteTerms {
         verify: wanted.verify,
         silent: wanted.no_reply,
@@ -139,11 +138,15 @@ pub async fn write(
         confirm: wanted.confirm,
         within: within(wanted.within_ms)?,
     };
-    let done = service
-        .write(&module, &[(point, wanted.value)], terms)
-        .await;
-    done.map(written)
-        .map_err(|failure| failures::problem(service, &module, Some(point), &failure))
+    let place = paths::split(path).unwrap_or((path, ""));
+    match service.write_labelled(place, wanted.value, terms).await {
+        Ok(done) => Ok(written(done)),
+        Err(failure) => {
+            let (module, point) = find(service, path)?;
+            let problem = failures::problem(service, &module, Some(point), &failure);
+            Err(problem)
+        }
+    }
 }
 
 /// Switches several outputs of one module.

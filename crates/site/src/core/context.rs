@@ -174,7 +174,7 @@ impl Context {
     }
 
     /// The configuration in force.
-    pub(super) fn config(&self) -> Arc<Config> {
+    pub(crate) fn config(&self) -> Arc<Config> {
         self.with(|state| Arc::clone(state.site.config()))
     }
 

@@ -296,8 +296,8 @@ mod tests {
             (locks, of("hand-overs"), clones)
         };
         let before = cost();
-        let set = [(board::k(1), true)];
-        let done = service.write("oven", &set, WriteTerms::default()).await;
+        let (place, terms) = (("oven", "k1"), WriteTerms::default());
+        let done = service.write_labelled(place, true, terms).await;
         assert!(done.is_ok(), "{done:?}");
         let after = cost();
         (after.0 - before.0, after.1 - before.1, after.2 - before.2)
@@ -342,6 +342,37 @@ mod tests {
         let then = Box::new(move |_| _ = waits.recv());
         let _ = log.begin(entry, String::new(), then);
         goes_on
+    }
+
+    /// Who is answered has the end in the log; followers of the events are told no earlier.
+    #[tokio::test]
+    async fn an_answer_waits_until_the_end_is_written() {
+        let (port, _boards) = board::start().await;
+        let service = oven(&port, "").await;
+        let name = format!("railbus-answers-{}", std::process::id());
+        let folder = std::env::temp_dir().join(name);
+        let (log, _) = AuditLog::open(&folder).unwrap();
+        service.keep_audit(log.clone());
+        let work = service.begin_work("oven", "a test".to_owned());
+        let work = work.await.unwrap();
+        let mut followed = service.follow_events();
+        let goes_on = hold_up(&log);
+        let mut ended = std::pin::pin!(work.end(End::Reply));
+        let mut event = std::pin::pin!(followed.next());
+        tokio::select! {
+            biased;
+            () = &mut ended => panic!("it was answered before"),
+            _ = &mut event => panic!("it was told before"),
+            () = std::future::ready(()) => {}
+        }
+        drop(goes_on);
+        ended.await;
+        assert!(event.await.unwrap().unwrap().end.is_some());
+        let page = log.page(None, 9, Default::default()).await.unwrap();
+        let last = page.entries.last().unwrap();
+        assert_eq!(last.end.as_deref(), Some(End::Reply.name()));
+        service.close().await;
+        let _ = std::fs::remove_dir_all(folder);
     }
 
     /// A disk that hangs holds up a command for as long as it may and no longer, and is told once.

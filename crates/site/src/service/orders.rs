@@ -19,6 +19,7 @@ use tokio::sync::oneshot;
 #[derive(Clone, Copy)]
 enum Outputs<'a> {
     Point(&'a str, Point),
+    Label(&'a str, &'a str),
     OfModule(&'a str, &'a [(Point, bool)]),
     Places(&'a [(Place, bool)]),
     Group(&'a str),
@@ -27,6 +28,7 @@ enum Outputs<'a> {
 
 impl Outputs<'_> {
     /// Whether these rights cover all of them. A group or scene that does not exist has none.
+    /// [`Failure::NoSuchModule`] and [`Failure::NoSuchPoint`] are about labels.
     fn permitted(self, config: &Config, rights: &Rights) -> Result<(), Failure> {
         rights.may_command()?;
         if !rights.is_limited() {
@@ -36,6 +38,7 @@ impl Outputs<'_> {
         let place = |place: &Place| point(&place.module, place.point);
         match self {
             Outputs::Point(module, at) => point(module, at),
+            Outputs::Label(module, label) => point(module, labelled(config, module, label)?),
             Outputs::OfModule(module, set) => set.iter().try_for_each(|(at, _)| point(module, *at)),
             Outputs::Places(set) => set.iter().try_for_each(|(at, _)| place(at)),
             Outputs::Group(name) => match config.groups.get(name) {
@@ -51,6 +54,12 @@ impl Outputs<'_> {
             },
         }
     }
+}
+
+/// The point of this label, as it is written at the terminal.
+fn labelled(config: &Config, module: &str, label: &str) -> Result<Point, Failure> {
+    let described = config.modules.get(module).ok_or(Failure::NoSuchModule)?;
+    described.setup.point(label).ok_or(Failure::NoSuchPoint)
 }
 
 impl Service {
@@ -98,6 +107,26 @@ impl Service {
         let outputs = Outputs::OfModule(module, set);
         self.order(outputs, |core, who| async move {
             core.write(&who, &name, &asked, terms).await
+        })
+        .await
+    }
+
+    /// The same for the output of this label, which is looked up in the step in which the command
+    /// begins.
+    ///
+    /// # Errors
+    /// As [`Service::write`].
+    pub async fn write_labelled(
+        &self,
+        (module, label): (&str, &str),
+        on: bool,
+        terms: WriteTerms,
+    ) -> Result<WriteDone, Failure> {
+        let (name, text) = (module.to_owned(), label.to_owned());
+        let output = Outputs::Label(module, label);
+        self.order(output, |core, who| async move {
+            let point = labelled(&core.config(), &name, &text)?;
+            core.write(&who, &name, &[(point, on)], terms).await
         })
         .await
     }
