@@ -261,3 +261,80 @@ fn commit(tail: &mut Tail, batch: Vec<Job>, reach: &Mutex<Reach>) {
         tell(job, synced);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::Origin;
+    use super::*;
+    use std::path::PathBuf;
+    use std::sync::mpsc;
+    use std::time::SystemTime;
+
+    fn opened(name: &str) -> (AuditLog, PathBuf) {
+        let unique = format!("railbus-log-{name}-{}", std::process::id());
+        let folder = std::env::temp_dir().join(unique);
+        let _ = std::fs::remove_dir_all(&folder);
+        (AuditLog::open(&folder).unwrap().0, folder)
+    }
+
+    fn entry(id: &str) -> Entry {
+        Entry {
+            id: id.to_owned(),
+            at: SystemTime::now(),
+            origin: Origin::program("test"),
+            module: "oven".to_owned(),
+            what: "k1=on".to_owned(),
+            end: None,
+        }
+    }
+
+    /// The head is written after the sync, and names the last record that is durable.
+    #[test]
+    fn a_beginning_is_durable_when_it_is_told() {
+        let (log, folder) = opened("durable");
+        let (told, ends) = mpsc::channel();
+        let path = folder.clone();
+        let then = move |written| {
+            let read = |name: &str| std::fs::read_to_string(path.join(name)).unwrap();
+            told.send((written, read("audit.log"), read("audit.head")))
+                .unwrap();
+        };
+        let waiting = log.begin(entry("1"), String::new(), Box::new(then));
+        let (written, lines, head) = ends.recv().unwrap();
+        assert_eq!(written, Ok(()));
+        let last = lines.lines().last().unwrap();
+        assert!(last.contains("\"begin\""), "{last}");
+        assert!(head.contains(last.split(' ').next().unwrap()), "{head}");
+        while !waiting.is_over() {
+            std::thread::yield_now();
+        }
+        let _ = std::fs::remove_dir_all(folder);
+    }
+
+    #[test]
+    fn what_finds_no_room_is_counted_and_nobody_waits_for_it() {
+        let (log, folder) = opened("lost");
+        let ((began, begins), (goes_on, waits)) = (mpsc::channel(), mpsc::channel::<()>());
+        let then = move |_| {
+            began.send(()).unwrap();
+            let _ = waits.recv();
+        };
+        let _ = log.begin(entry("1"), String::new(), Box::new(then));
+        begins.recv().unwrap();
+        let (told, ends) = mpsc::channel();
+        for _ in 0..QUEUE_MAX + 5 {
+            let told = told.clone();
+            let then = Box::new(move |_| told.send(()).unwrap());
+            let _ = log.end("1", End::Reply, String::new(), then);
+        }
+        drop(goes_on);
+        assert_eq!(ends.iter().take(QUEUE_MAX).count(), QUEUE_MAX);
+        let lines = std::fs::read_to_string(folder.join("audit.log")).unwrap();
+        let lost = lines
+            .lines()
+            .find(|line| line.contains("\"lost\""))
+            .unwrap();
+        assert!(lost.ends_with("\"records\":5}"), "{lost}");
+        let _ = std::fs::remove_dir_all(folder);
+    }
+}
