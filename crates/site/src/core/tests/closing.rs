@@ -1,6 +1,7 @@
 //! The end of the site, whatever else opens and closes lines: what it promises of outputs is done
 //! at the boards that have their names, or is reported as not done.
 
+use super::super::Pulse;
 use super::world::{World, bit, ms};
 
 const PORT: &str = "/dev/ttyS9";
@@ -147,4 +148,48 @@ fn what_the_end_of_the_site_could_not_switch_is_reported() {
     world.hold_line(ms(1_500));
     assert_eq!(close(&mut world), 0, "the line ends what was sent");
     assert!(off(&world).0);
+}
+
+/// A loan waits for the disk and has the outputs of its line: it gives them back.
+#[test]
+fn the_end_of_the_site_comes_before_a_loan_that_is_not_granted() {
+    let mut world = heated(&site_of(3, 4, EXIT));
+    world.disk_takes = Some(ms(5_000));
+    let pulse = Pulse {
+        width: Some(ms(60_000)),
+        ..Pulse::default()
+    };
+    world.pulse("li", ("kiln", 2), pulse);
+    let lent = world.lend("main");
+    world.pass(ms(100));
+    let closed = world.close();
+    world.pass(ms(20_000));
+    assert!(closed.get().is_some() && lent.now().is_err());
+    assert_eq!((off(&world).0, not_done(&world)), (true, 0));
+}
+
+/// Its holder has moved the modules, and the configuration that says so does not come into force
+/// any more: nobody switches what is at those addresses now.
+#[test]
+fn a_line_is_not_opened_for_the_end_of_the_site_by_an_old_configuration() {
+    let far = "[line.far]\nport = \"/dev/ttyS8\"\n\
+        [module.pump]\nline = \"far\"\nmodel = \"erc8\"\naddress = 3\n";
+    let more = format!("{EXIT}{far}");
+    let mut world = heated(&site_of(3, 4, &more));
+    let lent = world.lend("main");
+    world.pass(ms(2_000));
+    let loan = lent.now().unwrap().loan;
+    let acted = world.acted.len();
+    world.disk_takes = Some(ms(5_000));
+    let pulse = Pulse {
+        width: Some(ms(60_000)),
+        ..Pulse::default()
+    };
+    world.pulse("li", ("pump", 2), pulse);
+    world.give_back("main", loan, Some(&site_of(4, 3, &more)));
+    world.pass(ms(100));
+    world.close();
+    world.pass(ms(20_000));
+    assert_eq!(world.acted.len(), acted, "{:?}", world.acted);
+    assert_eq!(not_done(&world), 1);
 }
