@@ -8,6 +8,7 @@ mod ends;
 mod names;
 mod outputs;
 mod places;
+mod reloading;
 mod rules;
 mod soak;
 mod stream;

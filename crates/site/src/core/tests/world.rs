@@ -129,6 +129,8 @@ pub(super) struct World {
     pub(super) port_hangs: Micros,
     /// Rules act, from the start of the process on.
     pub(super) has_rules: bool,
+    /// The system refuses to open lines.
+    pub(super) refuses_lines: bool,
 }
 
 pub(super) const fn ms(millis: u64) -> Micros {
@@ -172,6 +174,7 @@ impl World {
             end_takes: None,
             port_hangs: Micros::ZERO,
             has_rules: false,
+            refuses_lines: false,
         };
         world.start();
         world

@@ -66,6 +66,11 @@ impl World {
     }
 
     pub(super) fn opens(&mut self, line: &str, id: LineId, config: &Config) {
+        if self.refuses_lines {
+            let (now, refused) = (self.time(), Err(PortError::Refused));
+            let core = self.core.as_mut().unwrap();
+            return core.handle(now, Input::Opened(line, id, refused));
+        }
         self.plug(line, id, config);
         let after = ms(self.dice.between(1, 20));
         self.add(after, Due::Finds(id));
