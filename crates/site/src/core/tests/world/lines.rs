@@ -28,6 +28,7 @@ pub(super) struct Wire {
     /// Until when it is busy.
     busy: Micros,
     began: Micros,
+    is_up: bool,
     is_closing: bool,
 }
 
@@ -57,6 +58,7 @@ impl World {
             slots: slots.collect(),
             busy: Micros::ZERO,
             began: self.now,
+            is_up: false,
             is_closing: false,
         };
         let wires = self.lines.values();
@@ -169,7 +171,7 @@ impl World {
         let now = self.now;
         let is_here = self.seat(at).is_some();
         let wire = self.lines.get(&at.line);
-        let wire = wire.filter(|w| is_here && !w.is_closing && !self.down.contains(&w.port));
+        let wire = wire.filter(|w| is_here && w.is_up && !w.is_closing);
         let Some(wire) = wire else {
             let end = Err(Fault::Closed);
             return self.add(ms(0), Due::Ran(request, at, op, end, ms(0)));
@@ -429,6 +431,9 @@ impl World {
     }
 
     pub(super) fn line_is(&mut self, line: LineId, state: LineState) {
+        if let Some(wire) = self.lines.get_mut(&line) {
+            wire.is_up = state == LineState::Up;
+        }
         let module = ModuleId(0);
         self.line(At { line, module }, &LineEvent::State(state));
     }
