@@ -129,9 +129,11 @@ impl Publisher {
         if let Some(observer) = &mut self.observer {
             observer(&self.waiting);
         }
-        let is_heard = self.events.receiver_count() > 0;
+        if self.events.receiver_count() == 0 {
+            return self.waiting.clear();
+        }
         for event in self.waiting.drain(..) {
-            if is_heard && !matches!(event, LineEvent::Ended(..)) {
+            if !matches!(event, LineEvent::Ended(..)) {
                 // Fails if the last receiver has just gone.
                 let _ = self.events.send(event);
             }
