@@ -11,6 +11,8 @@ use std::task::{Context, Wake, Waker};
 pub(crate) struct WakeFlag {
     shared: Arc<Shared>,
     waker: Waker,
+    /// A copy of the shared one, to compare with: the task is hardly ever another.
+    task: Waker,
 }
 
 #[derive(Debug)]
@@ -27,7 +29,11 @@ impl WakeFlag {
             task: Mutex::new(Waker::noop().clone()),
         });
         let waker = Waker::from(Arc::clone(&shared));
-        WakeFlag { shared, waker }
+        WakeFlag {
+            shared,
+            waker,
+            task: Waker::noop().clone(),
+        }
     }
 
     /// The waker that sets it.
@@ -41,13 +47,12 @@ impl WakeFlag {
     }
 
     /// Whether it was set, and clears it; from now on this task is woken when it is set.
-    pub(crate) fn take(&self, cx: &Context<'_>) -> bool {
+    pub(crate) fn take(&mut self, cx: &Context<'_>) -> bool {
         // In this order: whoever sets the flag too late to be seen here wakes this task.
-        let mut task = self.shared.lock();
-        if !task.will_wake(cx.waker()) {
-            task.clone_from(cx.waker());
+        if !self.task.will_wake(cx.waker()) {
+            self.task.clone_from(cx.waker());
+            self.shared.lock().clone_from(cx.waker());
         }
-        drop(task);
         self.shared.is_set.swap(false, Ordering::AcqRel)
     }
 }
@@ -89,15 +94,16 @@ mod tests {
         let wakers = counts
             .each_ref()
             .map(|count| Waker::from(Arc::clone(count)));
-        let takes = |flag: &WakeFlag, task: usize| flag.take(&Context::from_waker(&wakers[task]));
-        let flag = WakeFlag::new();
-        assert!(takes(&flag, 0) && !takes(&flag, 0));
+        let takes =
+            |flag: &mut WakeFlag, task: usize| flag.take(&Context::from_waker(&wakers[task]));
+        let mut flag = WakeFlag::new();
+        assert!(takes(&mut flag, 0) && !takes(&mut flag, 0));
         flag.waker().wake_by_ref();
-        assert!(takes(&flag, 1) && !takes(&flag, 1));
+        assert!(takes(&mut flag, 1) && !takes(&mut flag, 1));
         let waker = flag.waker().clone();
         waker.wake();
         flag.set();
-        assert!(takes(&flag, 1) && !takes(&flag, 1));
+        assert!(takes(&mut flag, 1) && !takes(&mut flag, 1));
         assert_eq!(counts.map(|count| count.0.load(Ordering::Relaxed)), [1, 1]);
     }
 }
