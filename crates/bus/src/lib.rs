@@ -528,7 +528,7 @@ impl Bus {
         let turnaround = self.busy_until.since(flight.sent) - reply_time;
         let echo_is_gone = self
             .rx
-            .answered(flight.exchange, self.outgoing.bytes(), skip, len);
+            .answered(&flight.exchange, self.outgoing.bytes(), skip, len);
         if echo_is_gone {
             self.events.push(Event::EchoGone);
         }

@@ -228,7 +228,7 @@ impl RxBuffer {
     /// shows that the echo is gone.
     pub(crate) fn answered(
         &mut self,
-        exchange: Exchange<'static>,
+        exchange: &Exchange<'static>,
         sent: &[u8],
         skip: usize,
         len: usize,
@@ -239,7 +239,7 @@ impl RxBuffer {
         let mut is_gone = false;
         match &mut self.echo {
             Echo::No { sights: SIGHTS } => {}
-            Echo::No { sights } if is_bare && !is_own_reply(&exchange, sent) => *sights = SIGHTS,
+            Echo::No { sights } if is_bare && !is_own_reply(exchange, sent) => *sights = SIGHTS,
             Echo::No { .. } => {}
             Echo::Unknown if is_bare => self.echo = Echo::No { sights: SIGHTS },
             Echo::Unknown => {}
@@ -253,7 +253,7 @@ impl RxBuffer {
             self.echo = Echo::No { sights: SIGHTS };
         }
         self.cut(skip, len);
-        self.last_answered = Some(exchange);
+        self.last_answered = Some(*exchange);
         self.probation = self.probation.saturating_sub(1);
         is_gone
     }
