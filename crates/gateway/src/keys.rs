@@ -1,171 +1,39 @@
-//! Commands with an `Idempotency-Key` are carried out once: a repeated request gets the first
-//! answer, even after a restart. Keys are separate for each caller.
-//!
-//! The file `keys.log` in the state folder records that a command began before it does, and what
-//! was answered. A command that began without a recorded end may have acted: that is reported, and
-//! it is not repeated. docs/decisions/0028
+//! Requests with an `Idempotency-Key`: the site carries each out once, and keeps its answer as it
+//! was given. docs/decisions/0028, 0040
 
 use axum::body::Bytes;
 use railbus_api::problem::{Problem, codes};
-use railbus_store::durable;
+use railbus_site::{CommandKey, KeyRefusal, Service};
 use serde::{Deserialize, Serialize};
-use sha2::{Digest, Sha256};
-use std::cmp::Reverse;
-use std::collections::{BTreeMap, VecDeque};
-use std::fmt::Write as _;
-use std::fs::{File, OpenOptions};
-use std::io::{self, Write};
-use std::os::unix::fs::OpenOptionsExt;
-use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::{Duration, Instant, SystemTime};
-use tokio::sync::OnceCell;
-
-/// How many keys of all callers are remembered. The caller with the most loses keys first.
-const KEYS_MAX: usize = 256;
-/// How long they are remembered.
-const AGE_MAX: Duration = Duration::from_secs(24 * 60 * 60);
-/// The longest key.
-pub(super) const KEY_LEN_MAX: usize = 128;
-/// The file's name in the folder of the site's state.
-const NAME: &str = "keys.log";
-/// A larger file is not read: this is far more than that many answers need.
-const LEN_MAX: u64 = 256 << 20;
-/// The file is rewritten without forgotten keys when it has doubled in size, by at least this much.
-const SLACK: u64 = 1 << 20;
+use serde_json::Value;
 
 /// The end of a command, as JSON text.
 pub(super) type End = Result<Bytes, Problem>;
 
-type Slot = Arc<OnceCell<End>>;
-
-/// A caller's key, and the command it stands for.
-#[derive(Debug)]
-struct Known {
-    key: String,
-    who: String,
-    command: String,
-    /// When it was first used, or this process started; and how old it was then. Setting the system
-    /// clock while the process runs changes nothing.
-    since: Instant,
-    aged: Duration,
-    slot: Slot,
-}
-
-impl Known {
-    /// Whether its command is in progress; without the key it would be carried out again.
-    fn is_under_way(&self) -> bool {
-        !self.slot.initialized() && Arc::strong_count(&self.slot) > 1
-    }
-
-    fn is_old(&self, now: Instant) -> bool {
-        now.duration_since(self.since) + self.aged > AGE_MAX
+/// Carries a command out once per key: a repeated request gets the first answer.
+pub(super) async fn once(
+    service: &Service,
+    key: CommandKey,
+    work: impl Future<Output = End> + Send + 'static,
+) -> End {
+    let told = service.once(key, async { Told::of(&work.await) }).await;
+    match told {
+        Ok(told) => Told::end(told),
+        Err(refusal) => Err(problem(&refusal)),
     }
 }
 
-/// The newest keys.
-#[derive(Debug)]
-pub(super) struct Keys {
-    known: Mutex<VecDeque<Known>>,
-    /// The file; or why it can't be written.
-    file: Result<Arc<Mutex<KeyFile>>, String>,
-}
-
-impl Keys {
-    /// The keys of a state folder. If they can't be written, nothing is carried out under a key.
-    pub(super) fn open(folder: &Path) -> (Keys, Option<io::Error>) {
-        let (file, rows, failed) = match KeyFile::open(folder) {
-            Ok((file, rows)) => (Ok(Arc::new(Mutex::new(file))), rows, None),
-            Err(error) => (Err(error.to_string()), Vec::new(), Some(error)),
-        };
-        let (since, today) = (Instant::now(), SystemTime::now());
-        let known = rows.into_iter().map(|row| Known {
-            since,
-            aged: row.begin.age(today),
-            slot: Arc::new(OnceCell::new_with(Some(row.end()))),
-            key: row.begin.key,
-            who: row.begin.who,
-            command: row.begin.command,
-        });
-        let keys = Keys {
-            known: Mutex::new(known.collect()),
-            file,
-        };
-        (keys, failed)
-    }
-
-    /// Carries this out once per key: a repeated request gets the first answer. A command is
-    /// identified by its caller and its content.
-    pub(super) async fn once(
-        &self,
-        key: &str,
-        who: &str,
-        command: &[&[u8]],
-        work: impl Future<Output = End> + Send + 'static,
-    ) -> End {
-        let command = digest(who, command);
-        let slot = self.slot(key, who, &command, Instant::now())?;
-        let begin = || async {
-            let row = Row::Begin(Begin {
-                key: key.to_owned(),
-                who: who.to_owned(),
-                command,
-                at_ms: millis(SystemTime::now()),
-            });
-            self.write(row).await.map_err(|why| {
-                let why = format!("Idempotency-Key: {why}");
-                Problem::new(codes::NOT_KEPT).with("reason", why)
-            })?;
-            let end = tokio::spawn(work).await.unwrap_or_else(broken);
-            // If the disk fails, a restart forgets the answer, but not that it began.
-            let _ = self
-                .write(Row::End {
-                    key: key.to_owned(),
-                    who: Some(who.to_owned()),
-                    answer: Told::of(&end),
-                })
-                .await;
-            Ok(end)
-        };
-        slot.get_or_try_init(begin).await.cloned()?
-    }
-
-    /// The slot for the result of the command under this key.
-    fn slot(&self, key: &str, who: &str, command: &str, now: Instant) -> Result<Slot, Problem> {
-        let mut known = lock(&self.known);
-        known.retain(|one| one.is_under_way() || !one.is_old(now));
-        if let Some(one) = known.iter().find(|one| one.who == who && one.key == key) {
-            if one.command == command {
-                return Ok(Arc::clone(&one.slot));
-            }
-            let reason = "this Idempotency-Key stands for another command";
-            return Err(Problem::new(codes::BAD_REQUEST).with("reason", reason));
+fn problem(refusal: &KeyRefusal) -> Problem {
+    let wrong = |reason| Problem::new(codes::BAD_REQUEST).with("reason", reason);
+    match refusal {
+        KeyRefusal::BadKey => wrong("an Idempotency-Key has 1 to 128 characters of ASCII"),
+        KeyRefusal::OtherCommand => wrong("this Idempotency-Key stands for another command"),
+        KeyRefusal::TooMany => Problem::new(codes::OVERLOADED),
+        KeyRefusal::NotKept(why) => {
+            let why = format!("Idempotency-Key: {why}");
+            Problem::new(codes::NOT_KEPT).with("reason", why)
         }
-        if known.len() >= KEYS_MAX {
-            let each = known.iter().map(|one| (&*one.who, !one.is_under_way()));
-            let over = gives_way(each, who).ok_or(Problem::new(codes::OVERLOADED))?;
-            known.remove(over);
-        }
-        let slot = Slot::default();
-        known.push_back(Known {
-            key: key.to_owned(),
-            who: who.to_owned(),
-            command: command.to_owned(),
-            since: now,
-            aged: Duration::ZERO,
-            slot: Arc::clone(&slot),
-        });
-        Ok(slot)
-    }
-
-    /// Writes a row without blocking. When this returns, the beginning of a command is durable, and
-    /// an answer survives the process.
-    async fn write(&self, row: Row) -> Result<(), String> {
-        let file = Arc::clone(self.file.as_ref().map_err(String::clone)?);
-        let write = move || lock(&file).add(&row);
-        let end = tokio::task::spawn_blocking(write).await;
-        let end = end.unwrap_or_else(|error| Err(io::Error::other(error)));
-        end.map_err(|error| error.to_string())
+        KeyRefusal::Begun => Problem::new(codes::KEY_BEGUN).perhaps_acted(true),
     }
 }
 
@@ -175,85 +43,8 @@ pub(super) fn broken(error: tokio::task::JoinError) -> End {
     Err(problem.perhaps_acted(true))
 }
 
-/// Which key is dropped for a new one of this caller, given the owner of each and whether it may be
-/// dropped: the oldest of the caller that has the most. Callers with fewer keys than this one would
-/// then have lose none.
-fn gives_way<'a>(
-    keys: impl Iterator<Item = (&'a str, bool)> + Clone,
-    asker: &str,
-) -> Option<usize> {
-    let mut counts: BTreeMap<&str, usize> = BTreeMap::from([(asker, 1)]);
-    for (who, _) in keys.clone() {
-        *counts.entry(who).or_default() += 1;
-    }
-    let own = counts.get(asker).copied().unwrap_or_default();
-    let count = |who: &str| counts.get(who).copied().unwrap_or_default();
-    let may_go = keys.enumerate().filter(|(_, (_, may_go))| *may_go);
-    let may_go = may_go.map(|(at, (who, _))| (at, count(who)));
-    let may_go = may_go.filter(|(_, count)| *count >= own);
-    // Of equal ones the first, which is the oldest.
-    let most = may_go.min_by_key(|(_, count)| Reverse(*count));
-    most.map(|(at, _)| at)
-}
-
-fn millis(at: SystemTime) -> u64 {
-    let since = at.duration_since(SystemTime::UNIX_EPOCH);
-    u64::try_from(since.unwrap_or_default().as_millis()).unwrap_or(u64::MAX)
-}
-
-/// A hash of caller and content: each part with its length, so that they can't run into each other.
-fn digest(who: &str, command: &[&[u8]]) -> String {
-    let mut hash = Sha256::new();
-    for part in [who.as_bytes()].iter().chain(command) {
-        hash.update((part.len() as u64).to_le_bytes());
-        hash.update(part);
-    }
-    let mut text = String::new();
-    for byte in hash.finalize() {
-        // Writing into a String does not fail.
-        let _ = write!(text, "{byte:02x}");
-    }
-    text
-}
-
-/// A line of the file.
-#[derive(Debug, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-enum Row {
-    /// A command is about to begin.
-    Begin(Begin),
-    /// The answer.
-    End {
-        key: String,
-        /// None in files of a version in which keys had no owner.
-        #[serde(default)]
-        who: Option<String>,
-        answer: Told,
-    },
-}
-
-#[derive(Clone, Debug, Serialize, Deserialize)]
-struct Begin {
-    key: String,
-    who: String,
-    command: String,
-    at_ms: u64,
-}
-
-impl Begin {
-    /// How long ago that was, by the system clock: no other clock runs while the process does not.
-    fn age(&self, today: SystemTime) -> Duration {
-        self.age_at(millis(today))
-    }
-
-    /// How long before this time it was, in milliseconds since 1970.
-    const fn age_at(&self, at_ms: u64) -> Duration {
-        Duration::from_millis(at_ms.saturating_sub(self.at_ms))
-    }
-}
-
 /// An answer as stored.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Debug, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum Told {
     Done(String),
@@ -261,168 +52,37 @@ enum Told {
 }
 
 impl Told {
-    fn of(end: &End) -> Told {
-        match end {
+    fn of(end: &End) -> Value {
+        let told = match end {
             Ok(body) => Told::Done(String::from_utf8_lossy(body).into_owned()),
             Err(problem) => Told::Problem(problem.clone()),
-        }
-    }
-}
-
-/// A key as found in the file.
-struct Kept {
-    begin: Begin,
-    answer: Option<Told>,
-}
-
-impl Kept {
-    fn is_of(&self, key: &str, who: Option<&str>) -> bool {
-        self.begin.key == key && who.is_none_or(|who| self.begin.who == who)
-    }
-
-    fn end(&self) -> End {
-        match &self.answer {
-            Some(Told::Done(body)) => Ok(Bytes::from(body.clone())),
-            Some(Told::Problem(problem)) => Err(problem.clone()),
-            None => Err(Problem::new(codes::KEY_BEGUN).perhaps_acted(true)),
-        }
-    }
-}
-
-/// The file, open for writing. The daemon that has locked the accounts of the folder has it, too.
-#[derive(Debug)]
-struct KeyFile {
-    path: PathBuf,
-    file: File,
-    len: u64,
-    /// Its size when it was last rewritten.
-    new: u64,
-    /// A failed write could not be removed completely: the next line starts with a newline.
-    is_torn: bool,
-}
-
-impl KeyFile {
-    fn open(folder: &Path) -> io::Result<(KeyFile, Vec<Kept>)> {
-        durable::folder(folder)?;
-        let path = folder.join(NAME);
-        let kept = rewrite(&path, |kept| {
-            let today = SystemTime::now();
-            kept.retain(|one| one.begin.age(today) <= AGE_MAX);
-            for one in kept {
-                // If the clock was set back, no key lasts longer, not even after the next start.
-                one.begin.at_ms = one.begin.at_ms.min(millis(today));
-            }
-        })?;
-        let file = append_to(&path)?;
-        let len = file.metadata()?.len();
-        let file = KeyFile {
-            path,
-            file,
-            len,
-            new: len,
-            is_torn: false,
         };
-        Ok((file, kept))
+        // The API's own types are always valid JSON.
+        serde_json::to_value(told).unwrap_or_default()
     }
 
-    fn add(&mut self, row: &Row) -> io::Result<()> {
-        if self.len > 2 * self.new + SLACK {
-            rewrite(&self.path, |_| {})?;
-            self.file = append_to(&self.path)?;
-            self.len = self.file.metadata()?.len();
-            self.new = self.len;
-            self.is_torn = false;
-        }
-        let mut line = Vec::new();
-        if self.is_torn {
-            self.len = self.file.metadata()?.len();
-            line.push(b'\n');
-        }
-        serde_json::to_writer(&mut line, row)?;
-        line.push(b'\n');
-        let written = self.file.write_all(&line).and_then(|()| match row {
-            Row::Begin(_) => self.file.sync_data(),
-            Row::End { .. } => Ok(()),
-        });
-        match written {
-            Ok(()) => (self.len, self.is_torn) = (self.len + line.len() as u64, false),
-            // A partial line would damage the one after it.
-            Err(_) => self.is_torn |= self.file.set_len(self.len).is_err(),
-        }
-        written
-    }
-}
-
-fn append_to(path: &Path) -> io::Result<File> {
-    OpenOptions::new().append(true).mode(0o600).open(path)
-}
-
-/// Reads the keys, drops those that are forgotten, and rewrites the file. A last line that was
-/// truncated by a loss of power began nothing.
-fn rewrite(path: &Path, change: impl FnOnce(&mut Vec<Kept>)) -> io::Result<Vec<Kept>> {
-    let bytes = match std::fs::metadata(path) {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => Vec::new(),
-        Err(error) => return Err(error),
-        Ok(file) if file.len() > LEN_MAX => return Err(io::ErrorKind::FileTooLarge.into()),
-        Ok(_) => std::fs::read(path)?,
-    };
-    let mut kept = fold(&bytes);
-    change(&mut kept);
-    let mut text = Vec::new();
-    for one in &kept {
-        let begin = Row::Begin(one.begin.clone());
-        let end = one.answer.clone().map(|answer| Row::End {
-            key: one.begin.key.clone(),
-            who: Some(one.begin.who.clone()),
-            answer,
-        });
-        for row in [Some(begin), end].into_iter().flatten() {
-            serde_json::to_writer(&mut text, &row)?;
-            text.push(b'\n');
+    /// The answer that was stored. What can't be read is as good as none.
+    fn end(told: Value) -> End {
+        match serde_json::from_value(told) {
+            Ok(Told::Done(body)) => Ok(Bytes::from(body)),
+            Ok(Told::Problem(problem)) => Err(problem),
+            Err(_) => Err(problem(&KeyRefusal::Begun)),
         }
     }
-    durable::replace(path, &text, Some(0o600))?;
-    Ok(kept)
-}
-
-/// The newest keys in the lines of the file.
-fn fold(bytes: &[u8]) -> Vec<Kept> {
-    let mut kept: Vec<Kept> = Vec::new();
-    for line in bytes.split(|byte| *byte == b'\n') {
-        match serde_json::from_slice(line) {
-            Ok(Row::Begin(begin)) => {
-                kept.retain(|one| !one.is_of(&begin.key, Some(&begin.who)));
-                if kept.len() >= KEYS_MAX {
-                    // Keys that were forgotten by then displace none that were not.
-                    let old = kept
-                        .iter()
-                        .position(|one| one.begin.age_at(begin.at_ms) > AGE_MAX);
-                    let ended = kept.iter();
-                    let ended = ended.map(|one| (&*one.begin.who, one.answer.is_some()));
-                    // While none has ended, the result of none is known.
-                    let all = kept.iter().map(|one| (&*one.begin.who, true));
-                    let over = old.or_else(|| gives_way(ended, &begin.who));
-                    let over = over.or_else(|| gives_way(all, &begin.who));
-                    kept.remove(over.unwrap_or_default());
-                }
-                let answer = None;
-                kept.push(Kept { begin, answer });
-            }
-            Ok(Row::End { key, who, answer }) => {
-                let mut newest = kept.iter_mut().rev();
-                if let Some(one) = newest.find(|one| one.is_of(&key, who.as_deref())) {
-                    one.answer = Some(answer);
-                }
-            }
-            Err(_) => {}
-        }
-    }
-    kept
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]
-mod tests;
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_answer_is_given_again_as_it_was() {
+        let problem = Problem::new(codes::NO_REPLY).with("module", "oven");
+        let body = "{\"value\":true,\"before\":null,\"a\":1.50}";
+        for end in [Ok(Bytes::from(body)), Err(problem.perhaps_acted(true))] {
+            assert_eq!(Told::end(Told::of(&end)), end);
+        }
+        let unread = Told::end(Value::from(7)).expect_err("a problem");
+        assert!(unread.may_have_acted);
+    }
+}

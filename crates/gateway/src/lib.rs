@@ -72,7 +72,6 @@ mod ws;
 use access::Gate;
 use config::Desk;
 use guard::Front;
-use keys::Keys;
 use listen::ConnectionLimit;
 use northbound::Northbound;
 use notify::Notify;
@@ -335,8 +334,7 @@ async fn open_and_serve(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure
     let name = site::name_of(source.demo.is_some(), &source.file);
     let northbound = Northbound::new(&name, &source.state, &service);
     let stores = Stores::open(&service, &source.state);
-    let keys = Keys::open(&source.state);
-    stores::tell_of_keys(&service, keys.1.as_ref());
+    stores::tell_of_keys(&service);
     service.run_rules();
 
     // Clients may send requests as soon as it reports that it serves: by then every port was tried.
@@ -366,7 +364,6 @@ async fn open_and_serve(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure
         demo: source.demo.is_some(),
         simulated: source.simulated().into(),
         stop: stopped.clone(),
-        keys: Arc::new(keys.0),
         sockets: ws::SocketLimit::new(),
         printer: Arc::default(),
         ops: Arc::new(ops::Ops::default()),

@@ -2,7 +2,7 @@
 //! the configuration begins with one.
 
 use super::access::Caller;
-use super::keys::{KEY_LEN_MAX, broken};
+use super::keys::{self, broken};
 use super::route::Answer;
 use super::site::Site;
 use super::{answer, body};
@@ -12,7 +12,7 @@ use axum::extract::{FromRequest, FromRequestParts, Request};
 use axum::http::HeaderMap;
 use axum::response::{IntoResponse, Response};
 use railbus_api::problem::{Problem, codes};
-use railbus_site::Service;
+use railbus_site::{CommandKey, KEY_LEN_MAX, Service};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::sync::Arc;
@@ -136,13 +136,17 @@ impl Order {
             // The site asks for the rights once more, in the step in which the command begins.
             run(service, name, wanted).await.map(as_json)
         };
-        let (keys, who, body) = (Arc::clone(&self.site.keys), self.who.id, self.body);
-        let task = tokio::spawn(async move {
-            let Some(key) = key else { return end.await };
-            let command = [what.0.as_bytes(), what.1.as_bytes(), &body];
-            keys.once(&key, &who, &command, end).await
-        });
-        answer::text(task.await.unwrap_or_else(broken))
+        let end = async move { tokio::spawn(end).await.unwrap_or_else(broken) };
+        let Some(key) = key else {
+            return answer::text(end.await);
+        };
+        let command = vec![what.0.into(), what.1.into(), self.body.to_vec()];
+        let key = CommandKey {
+            key,
+            caller: self.who.id,
+            command,
+        };
+        answer::text(keys::once(&self.site.service, key, end).await)
     }
 }
 

@@ -3,7 +3,6 @@
 
 use super::access::{Caller, Gate, Known, Need, Reach, Role};
 use super::config::Desk;
-use super::keys::Keys;
 use super::northbound::Northbound;
 use super::route::{BASE, Route};
 use super::routes::{TOP, all, handlers};
@@ -137,7 +136,6 @@ impl Here {
             demo: false,
             simulated: Arc::default(),
             stop: stopped,
-            keys: Arc::new(Keys::open(&folder).0),
             sockets: ws::SocketLimit::new(),
             printer: Arc::default(),
             ops: Arc::new(ops::Ops::default()),

@@ -2,7 +2,6 @@
 
 use super::access::{Caller, Gate};
 use super::config::Desk;
-use super::keys::Keys;
 use super::listen::ended;
 use super::northbound::Northbound;
 use super::ops::Ops;
@@ -27,7 +26,6 @@ pub(super) struct Site {
     pub(super) simulated: Arc<[Remote]>,
     /// Ends streams when the daemon stops.
     pub(super) stop: watch::Receiver<bool>,
-    pub(super) keys: Arc<Keys>,
     /// The limit of WebSockets.
     pub(super) sockets: SocketLimit,
     /// What is made for all of them together.

@@ -53,8 +53,8 @@ impl Stores {
 }
 
 /// Reports that commands with an `Idempotency-Key` are refused, because keys can't be written.
-pub(super) fn tell_of_keys(service: &Service, failed: Option<&std::io::Error>) {
-    if let Some(error) = failed {
+pub(super) fn tell_of_keys(service: &Service) {
+    if let Some(error) = service.keys_failed() {
         tell(service, Severity::Error, "keys_fail", error);
     }
 }

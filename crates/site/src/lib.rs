@@ -43,8 +43,8 @@ pub use config::Config;
 pub use failure::Failure;
 pub use rights::{Rights, Role};
 pub use service::{
-    Counts, Events, Follower, Left, LineStatus, Loan, ModuleStatus, PointNow, PointStatus,
-    RawTerms, ReloadError, RuleStatus, STEPS, Sent, Service, StartError, Update, Updates, Work,
-    is_refused,
+    CommandKey, Counts, Events, Follower, KEY_LEN_MAX, KeyRefusal, Left, LineStatus, Loan,
+    ModuleStatus, PointNow, PointStatus, RawTerms, ReloadError, RuleStatus, STEPS, Sent, Service,
+    StartError, Update, Updates, Work, is_refused,
 };
 pub use truth::{Change, PointState, Pulses, Quality, Reason, Site, Value};

@@ -6,6 +6,7 @@ mod entries;
 mod follow;
 mod loan;
 mod meter;
+mod once;
 mod orders;
 mod promise_file;
 mod record;
@@ -19,6 +20,7 @@ pub use follow::Follower;
 pub use loan::Loan;
 pub(crate) use meter::Busy;
 pub use meter::{Counts, STEPS};
+pub use once::{CommandKey, KEY_LEN_MAX, KeyRefusal};
 pub use record::{Events, Work};
 pub use reload::ReloadError;
 pub use rules::RuleStatus;
@@ -31,6 +33,7 @@ use crate::rights::Who;
 use crate::{Config, Failure, Rights};
 use alarm::Alarm;
 use entries::Waits;
+use once::Once;
 use railbus_device::{Module, SetupError};
 use railbus_host::{Line, LineConfig, LineName, NameError, PortError, Probe, ProbeResult, Tap};
 use railbus_store::audit::{Audit, Entry, Origin};
@@ -95,6 +98,7 @@ pub(crate) struct Inner {
     folder: Option<PathBuf>,
     audit: Audit,
     journal: Journal,
+    once: Arc<Once>,
     updates: broadcast::Sender<Update>,
     news: broadcast::Sender<News>,
     runtime: tokio::runtime::Handle,
@@ -148,7 +152,8 @@ impl Service {
     }
 
     /// The same with a folder for what must outlive the process: pulses that are timed here end
-    /// after a restart too, and outputs stay off for as long as they must.
+    /// after a restart too, outputs stay off for as long as they must, and commands can be given
+    /// under keys ([`Service::once`]). No other process may use the folder.
     ///
     /// # Errors
     /// As [`Service::start`]; also where the folder can't be used.
@@ -194,6 +199,7 @@ impl Service {
                 folder: folder.map(Path::to_owned),
                 audit: Audit::default(),
                 journal: Journal::default(),
+                once: Arc::new(Once::open(folder)),
                 updates: broadcast::Sender::new(UPDATES_MAX),
                 news: broadcast::Sender::new(follow::NEWS_MAX),
                 runtime: tokio::runtime::Handle::current(),

@@ -3,6 +3,7 @@
 mod board;
 mod following;
 mod held;
+mod keys;
 mod otherwise;
 mod owners;
 mod policies;

@@ -11,9 +11,9 @@ impl Place {
         Place(std::env::temp_dir().join(unique))
     }
 
-    fn keys(&self) -> Keys {
-        let (keys, failed) = Keys::open(&self.0);
-        assert!(failed.is_none(), "{failed:?}");
+    fn keys(&self) -> Once {
+        let keys = Once::open(Some(&self.0));
+        assert!(keys.file.is_ok(), "{:?}", keys.file);
         keys
     }
 }
@@ -24,14 +24,23 @@ impl Drop for Place {
     }
 }
 
-async fn ask(keys: &Keys, key: &str, who: &str, body: &str, answer: &'static str) -> End {
-    let work = async { Ok(Bytes::from_static(answer.as_bytes())) };
-    keys.once(key, who, &[b"toggle", body.as_bytes()], work)
-        .await
+fn named(key: &str, caller: &str, body: &str) -> CommandKey {
+    CommandKey {
+        key: key.to_owned(),
+        caller: caller.to_owned(),
+        command: vec![b"toggle".to_vec(), body.as_bytes().to_vec()],
+    }
 }
 
-fn code(end: End) -> String {
-    end.expect_err("a problem").code
+type Told = Result<Json, KeyRefusal>;
+
+async fn ask(keys: &Once, key: &str, who: &str, body: &str, answer: &'static str) -> Told {
+    let work = async move { told(answer) };
+    keys.carry_out(named(key, who, body), work).await
+}
+
+fn told(answer: &str) -> Json {
+    Json::from(answer)
 }
 
 #[tokio::test]
@@ -40,11 +49,12 @@ async fn a_key_stands_for_one_command_also_after_a_restart() {
     for (round, answer) in ["1", "2"].into_iter().enumerate() {
         let keys = place.keys();
         let first = ask(&keys, "a", "li", "k1", answer).await;
-        assert_eq!(first, Ok(Bytes::from_static(b"1")), "round {round}");
-        assert_eq!(code(ask(&keys, "a", "li", "k2", "3").await), "E0806");
+        assert_eq!(first, Ok(told("1")), "round {round}");
+        let other = ask(&keys, "a", "li", "k2", "3").await;
+        assert_eq!(other, Err(KeyRefusal::OtherCommand));
         // Somebody else's is another one, and tells nothing of this.
         let others = ask(&keys, "a", "wang", "k1", "3").await;
-        assert_eq!(others, Ok(Bytes::from_static(b"3")), "round {round}");
+        assert_eq!(others, Ok(told("3")), "round {round}");
     }
 }
 
@@ -57,13 +67,13 @@ fn text_of(rows: impl Iterator<Item = (String, &'static str, u64)>) -> Vec<u8> {
         let begin = Begin {
             key: key.clone(),
             who: who.to_owned(),
-            command: digest(who, &[b"toggle", b"k1"]),
+            command: digest(who, &named(&key, who, "k1").command),
             at_ms: now - hours * 3_600_000,
         };
         let end = Row::End {
             key,
             who: Some(who.to_owned()),
-            answer: Told::Done("1".to_owned()),
+            answer: told("1"),
         };
         for row in [Row::Begin(begin), end] {
             serde_json::to_writer(&mut text, &row).unwrap();
@@ -84,7 +94,7 @@ async fn old_keys_push_no_new_ones_out_after_a_restart() {
     let keys = place.keys();
     for number in 0..200 {
         let again = ask(&keys, &format!("new{number}"), "wang", "k1", "2").await;
-        assert_eq!(again, Ok(Bytes::from_static(b"1")), "new{number}");
+        assert_eq!(again, Ok(told("1")), "new{number}");
     }
 }
 
@@ -107,10 +117,10 @@ async fn nobody_pushes_the_keys_of_others_out() {
     for keys in [&keys, &again] {
         for number in 0..10 {
             let end = ask(keys, &format!("own{number}"), "wang", "k1", "2").await;
-            assert_eq!(end, Ok(Bytes::from_static(b"1")), "{number}");
+            assert_eq!(end, Ok(told("1")), "{number}");
         }
     }
-    assert_eq!(ask(&again, "0", "li", "k1", "2").await, Ok("2".into()));
+    assert_eq!(ask(&again, "0", "li", "k1", "2").await, Ok(told("2")));
 }
 
 #[test]
@@ -133,7 +143,7 @@ async fn a_key_lasts_a_day_whatever_the_clock_on_the_wall_says() {
     let keys = place.keys();
     let now = Instant::now();
     let first = keys.slot("a", "li", "k1", now).unwrap();
-    first.set(Ok(Bytes::new())).unwrap();
+    first.set(Some(told("1"))).unwrap();
     let again = keys.slot("a", "li", "k1", now + AGE_MAX).unwrap();
     assert!(Arc::ptr_eq(&first, &again));
     let late = now + AGE_MAX + Duration::from_secs(1);
@@ -151,7 +161,7 @@ async fn a_key_lasts_a_day_whatever_the_clock_on_the_wall_says() {
     });
     keys.write(row).await.unwrap();
     let keys = place.keys();
-    let aged = |keys: &Keys| lock(&keys.known).back().unwrap().aged;
+    let aged = |keys: &Once| lock(&keys.known).back().unwrap().aged;
     assert!(aged(&keys) < Duration::from_secs(60), "{:?}", aged(&keys));
     let text = std::fs::read_to_string(place.0.join(NAME)).unwrap();
     let Ok(Row::Begin(begin)) = serde_json::from_str(text.lines().last().unwrap()) else {
@@ -169,7 +179,10 @@ async fn a_line_that_was_torn_hides_none_after_it() {
     let path = place.0.join(NAME);
     let whole = std::mem::replace(&mut lock(&file).file, File::open(&path).unwrap());
     let refused = ask(&keys, "a", "li", "k1", "1").await;
-    assert_eq!(code(refused), "E0150");
+    assert!(
+        matches!(refused, Err(KeyRefusal::NotKept(_))),
+        "{refused:?}"
+    );
     let mut part = append_to(&path).unwrap();
     part.write_all(b"{\"begin\":{\"key\":\"a\"").unwrap();
     lock(&file).file = whole;
@@ -179,7 +192,7 @@ async fn a_line_that_was_torn_hides_none_after_it() {
     assert_eq!(lock(&file).len, len);
     let keys = place.keys();
     let again = ask(&keys, "b", "li", "k1", "2").await;
-    assert_eq!(again, Ok(Bytes::from_static(b"1")));
+    assert_eq!(again, Ok(told("1")));
 }
 
 #[tokio::test]
@@ -189,15 +202,15 @@ async fn who_asks_at_the_same_time_waits_for_the_one_answer() {
     let count = Arc::new(AtomicUsize::new(0));
     let ask = || {
         let count = Arc::clone(&count);
-        keys.once("a", "li", &[b"toggle"], async move {
+        keys.carry_out(named("a", "li", ""), async move {
             tokio::task::yield_now().await;
             let times = count.fetch_add(1, Ordering::Relaxed) + 1;
-            Ok(Bytes::from(times.to_string()))
+            told(&times.to_string())
         })
     };
     let (one, two, three) = tokio::join!(ask(), ask(), ask());
     assert_eq!(count.load(Ordering::Relaxed), 1);
-    assert_eq!(one, Ok(Bytes::from_static(b"1")));
+    assert_eq!(one, Ok(told("1")));
     assert_eq!((&two, &three), (&one, &one));
 }
 
@@ -205,7 +218,7 @@ async fn who_asks_at_the_same_time_waits_for_the_one_answer() {
 async fn what_began_and_has_no_end_is_not_done_again() {
     let place = Place::new("cut");
     let keys = place.keys();
-    let command = digest("li", &[b"toggle", b"k1"]);
+    let command = digest("li", &named("a", "li", "k1").command);
     let begin = |key: &str| {
         let (key, who, command) = (key.to_owned(), "li".to_owned(), command.clone());
         let at_ms = millis(SystemTime::now());
@@ -223,11 +236,7 @@ async fn what_began_and_has_no_end_is_not_done_again() {
     for _ in 0..2 {
         let keys = place.keys();
         let end = ask(&keys, "a", "li", "k1", "again").await;
-        let problem = end.expect_err("a problem");
-        assert_eq!(
-            (problem.code.as_str(), problem.may_have_acted),
-            ("E0303", true)
-        );
+        assert_eq!(end, Err(KeyRefusal::Begun));
     }
     let keys = place.keys();
     assert!(ask(&keys, "b", "li", "k1", "1").await.is_ok());
@@ -237,10 +246,12 @@ async fn what_began_and_has_no_end_is_not_done_again() {
 async fn a_task_that_breaks_off_is_not_done_again() {
     let place = Place::new("broken");
     let keys = place.keys();
-    let end = keys.once("a", "li", &[b"toggle", b"k1"], async { panic!("a test") });
-    let end = end.await.expect_err("a problem");
-    assert!(end.may_have_acted);
-    assert_eq!(ask(&keys, "a", "li", "k1", "2").await, Err(end));
+    let end = keys.carry_out(named("a", "li", "k1"), async { panic!("a test") });
+    assert_eq!(end.await, Err(KeyRefusal::Begun));
+    for keys in [&keys, &place.keys()] {
+        let again = ask(keys, "a", "li", "k1", "2").await;
+        assert_eq!(again, Err(KeyRefusal::Begun));
+    }
 }
 
 #[tokio::test]
@@ -252,7 +263,7 @@ async fn old_keys_are_forgotten_and_those_under_way_are_not() {
     let under_way = slot("scene", "evening").unwrap();
     for number in 0..KEYS_MAX {
         let slot = slot(&number.to_string(), "").unwrap();
-        let _ = slot.set(Ok(Bytes::new()));
+        let _ = slot.set(Some(told("1")));
     }
     assert!(slot("0", "another").is_ok(), "it is forgotten");
     let again = slot("scene", "evening").unwrap();
@@ -293,12 +304,9 @@ async fn the_file_does_not_grow_for_ever() {
     let keys = place.keys();
     let long = "x".repeat(60_000);
     for number in 0..120 {
-        let answer = Bytes::from(long.clone());
-        let end = keys
-            .once("same", "li", &[number.to_string().as_bytes()], async {
-                Ok(answer)
-            })
-            .await;
+        let answer = told(&long);
+        let key = named("same", "li", &number.to_string());
+        let end = keys.carry_out(key, async move { answer }).await;
         assert!(end.is_ok());
         lock(&keys.known).clear();
     }
@@ -310,8 +318,23 @@ async fn the_file_does_not_grow_for_ever() {
 async fn without_a_disk_nothing_is_done_under_a_key() {
     let place = Place::new("none");
     std::fs::write(&place.0, "a file, no folder").unwrap();
-    let (keys, failed) = Keys::open(&place.0);
-    assert!(failed.is_some());
-    assert_eq!(code(ask(&keys, "a", "li", "k1", "1").await), "E0150");
+    for keys in [Once::open(Some(&place.0)), Once::open(None)] {
+        let refused = ask(&keys, "a", "li", "k1", "1").await;
+        assert!(
+            matches!(refused, Err(KeyRefusal::NotKept(_))),
+            "{refused:?}"
+        );
+    }
     std::fs::remove_file(&place.0).unwrap();
+}
+
+#[tokio::test]
+async fn a_key_has_a_length() {
+    let place = Place::new("length");
+    let keys = place.keys();
+    let long = "k".repeat(KEY_LEN_MAX + 1);
+    for (key, is_one) in [("", false), (&long[1..], true), (&long[..], false)] {
+        let end = ask(&keys, key, "li", "k1", "1").await;
+        assert_eq!(end.is_ok(), is_one, "{key}: {end:?}");
+    }
 }
