@@ -286,11 +286,13 @@ impl Bus {
     }
 
     fn next_event(&mut self) -> Option<Event> {
-        let event = self.events.next()?;
-        if let Event::Overflow { .. } = event {
-            self.read_all_again();
+        let event = self.events.next();
+        if event.is_some() {
+            return event;
         }
-        Some(event)
+        let lost = self.events.take_lost()?;
+        self.read_all_again();
+        Some(Event::Overflow { lost })
     }
 
     fn open(&mut self) {
