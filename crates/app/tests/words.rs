@@ -2,7 +2,7 @@
 
 use railbus_api::types::Quality;
 use railbus_api::words::{ChangeState, EventKindWord, ScanVerdict, SettingAccess, SeverityWord};
-use railbus_commission::State;
+use railbus_commission::RecordState;
 use railbus_commission::scan::Verdict;
 use railbus_commission::settings::Access;
 use railbus_store::history::{self, Grade};
@@ -37,7 +37,9 @@ fn settings() {
     for access in every!(Access: Written, AtPowerUp, MakersSoftware, InitPin, InAscii, Fixed) {
         assert!(has::<SettingAccess>(access.name()), "{access:?}");
     }
-    for state in every!(State: Intent, Done, Pending, Unchanged, Elsewhere, Lost, Untold, Filed) {
+    for state in
+        every!(RecordState: Intent, Done, Pending, Unchanged, Elsewhere, Lost, Untold, Filed)
+    {
         let word = serde_json::to_value(state).unwrap_or_default();
         assert!(
             has::<ChangeState>(word.as_str().unwrap_or_default()),

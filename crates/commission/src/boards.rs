@@ -2,7 +2,7 @@
 //! 34).
 
 use super::desk::{Desk, Reply};
-use super::{Procedure, Trouble};
+use super::{Procedure, ProcedureError};
 use railbus_device::{Bank, Module, Observation, Op, Setup};
 use railbus_wire::{Exchange, Micros, r55};
 
@@ -18,7 +18,10 @@ pub struct BoardState {
 /// A procedure that sends all-on or all-off to every board of the line [R55 §4.12], and reads back
 /// the known ones. The broadcast itself is not acknowledged.
 #[must_use]
-pub fn all_boards(boards: Vec<Setup>, on: bool) -> Procedure<Result<Vec<BoardState>, Trouble>> {
+pub fn all_boards(
+    boards: Vec<Setup>,
+    on: bool,
+) -> Procedure<Result<Vec<BoardState>, ProcedureError>> {
     Procedure::new(move |desk| async move {
         let Some(first) = boards.first() else {
             return Ok(Vec::new());
@@ -37,8 +40,8 @@ pub fn all_boards(boards: Vec<Setup>, on: bool) -> Procedure<Result<Vec<BoardSta
     })
 }
 
-async fn read_back(desk: &Desk, board: &Setup, on: bool) -> Result<BoardState, Trouble> {
-    let module = Module::new(*board).map_err(super::Refused::Setup)?;
+async fn read_back(desk: &Desk, board: &Setup, on: bool) -> Result<BoardState, ProcedureError> {
+    let module = Module::new(*board).map_err(super::NotWritable::Setup)?;
     let outputs = match desk.read(&module, &Op::ReadOutputs).await? {
         Reply::Said(Observation::Channels { outputs, .. }) => Some(outputs),
         _ => None,

@@ -2,11 +2,12 @@
 
 use super::change::{carry_all, untold};
 use super::desk::{Desk, Reply};
-use super::place::{Found, Kept, Place};
+use super::place::{BusAddress, Found, Kept};
 use super::sight::{find, first_alone};
-use super::stages::{Stage, applied, stages};
+use super::stages::{WriteStep, applied, stages};
 use super::{
-    Ended, Job, Procedure, Progress, Question, Record, Refused, Spot, State, Trouble, vacant,
+    Ended, Job, JournalRecord, NotWritable, Procedure, ProcedureError, Progress, Question,
+    RecordState, Spot, vacant,
 };
 use railbus_device::{Change, Module, Observation, Op, Refusal, Setup};
 use railbus_wire::{Frame, Micros};
@@ -45,9 +46,9 @@ pub enum Hindrance {
 /// A procedure for a calibration: zero with all inputs disconnected, then span with a voltage, in
 /// hundredths, at all of them. The user may stop it before either step.
 #[must_use]
-pub fn calibrate(job: Job, voltage: u16) -> Procedure<Result<Calibrated, Trouble>> {
+pub fn calibrate(job: Job, voltage: u16) -> Procedure<Result<Calibrated, ProcedureError>> {
     Procedure::new(move |desk| async move {
-        let place = Place::of(&job.setup);
+        let place = BusAddress::of(&job.setup);
         let found = first_calibrated(&desk, &job, place).await?;
         let mut done = Calibrated {
             before: found.analogs,
@@ -75,7 +76,7 @@ pub fn calibrate(job: Job, voltage: u16) -> Procedure<Result<Calibrated, Trouble
                 });
             }
         }
-        let now = step.read().await?.ok_or(Trouble::NoReply(place))?;
+        let now = step.read().await?.ok_or(ProcedureError::NoReply(place))?;
         let readings = now.analogs.unwrap_or_default();
         if !desk.confirm(Question::SpanReady(voltage, readings)).await {
             done.hindered = Some(Hindrance::Stopped);
@@ -109,18 +110,18 @@ pub fn calibrate(job: Job, voltage: u16) -> Procedure<Result<Calibrated, Trouble
 /// A procedure that resets a module to factory settings, and looks for it where they lead
 /// [EMD-2A2Q §5.8].
 #[must_use]
-pub fn restore_factory(job: Job) -> Procedure<Result<Ended, Trouble>> {
+pub fn restore_factory(job: Job) -> Procedure<Result<Ended, ProcedureError>> {
     Procedure::new(move |desk| async move {
-        let place = Place::of(&job.setup);
+        let place = BusAddress::of(&job.setup);
         let found = first_calibrated(&desk, &job, place).await?;
         let before = found.kept();
         let after = applied(&job.setup, Change::Restore, before);
-        let to = Place::of(&Setup::factory(job.setup.family));
+        let to = BusAddress::of(&Setup::factory(job.setup.family));
         if to != place {
             let serials = [to.serial];
             vacant::check(&desk, &job.setup, to.address, &serials, &job.neighbours).await?;
         }
-        let stage = Stage {
+        let stage = WriteStep {
             change: Change::Restore,
             before,
             from: place,
@@ -132,9 +133,13 @@ pub fn restore_factory(job: Job) -> Procedure<Result<Ended, Trouble>> {
 }
 
 /// The first look at a module that can be calibrated: only such a one can be reset, too.
-async fn first_calibrated(desk: &Desk, job: &Job, place: Place) -> Result<Found, Trouble> {
+async fn first_calibrated(
+    desk: &Desk,
+    job: &Job,
+    place: BusAddress,
+) -> Result<Found, ProcedureError> {
     if !job.setup.family.datasheet().is_calibrated() {
-        return Err(Refused::NoCommand.into());
+        return Err(NotWritable::NoCommand.into());
     }
     desk.tell(Progress::Reading(place)).await;
     first_alone(desk, &job.setup, place).await
@@ -150,10 +155,10 @@ struct Steps<'d> {
 
 impl Steps<'_> {
     /// Writes one command bit, and waits until it is 0 again [EMD-2A2Q §5.1, §5.7].
-    async fn carry(&mut self, change: Change) -> Result<Result<Found, Hindrance>, Trouble> {
+    async fn carry(&mut self, change: Change) -> Result<Result<Found, Hindrance>, ProcedureError> {
         self.step += 1;
         let here = self.found.place.setup(&self.job.setup);
-        let module = Module::new(here).map_err(Refused::Setup)?;
+        let module = Module::new(here).map_err(NotWritable::Setup)?;
         let op = Op::Configure(change);
         let intent = self.record(&module, change);
         self.desk.journal(intent.clone()).await?;
@@ -161,7 +166,7 @@ impl Steps<'_> {
         let reply = self.desk.op(&module, &op).await?;
         if let Reply::Said(Observation::Refused(refusal)) = reply {
             self.desk
-                .journal(intent.ended(State::Unchanged, Some(&self.found)))
+                .journal(intent.ended(RecordState::Unchanged, Some(&self.found)))
                 .await?;
             return Ok(Err(Hindrance::Refused(refusal)));
         }
@@ -178,7 +183,11 @@ impl Steps<'_> {
                 self.found = found;
                 // Neither acknowledged nor seen in progress: whether it was received is not known.
                 let known = acknowledged || seen;
-                let state = if known { State::Done } else { State::Untold };
+                let state = if known {
+                    RecordState::Done
+                } else {
+                    RecordState::Untold
+                };
                 self.desk.journal(intent.ended(state, Some(&found))).await?;
                 return Ok(if known {
                     Ok(found)
@@ -188,23 +197,23 @@ impl Steps<'_> {
             }
         }
         self.desk
-            .journal(intent.ended(State::Untold, Some(&self.found)))
+            .journal(intent.ended(RecordState::Untold, Some(&self.found)))
             .await?;
         Ok(Err(Hindrance::NotFinished))
     }
 
-    async fn read(&self) -> Result<Option<Found>, Trouble> {
+    async fn read(&self) -> Result<Option<Found>, ProcedureError> {
         let places = [self.found.place];
         Ok(find(self.desk, &self.job.setup, &places, 3).await?.0)
     }
 
-    fn record(&self, module: &Module, change: Change) -> Record {
+    fn record(&self, module: &Module, change: Change) -> JournalRecord {
         let mut frame = Frame::new();
         if let Ok(exchange) = module.exchange(&Op::Configure(change)) {
             exchange.encode(&mut frame);
         }
         let here = Spot::of(self.found.place);
-        Record {
+        JournalRecord {
             step: self.step,
             steps: 2,
             from: here.clone(),
@@ -216,7 +225,7 @@ impl Steps<'_> {
                 .map(|byte| format!("{byte:02X}"))
                 .collect(),
             by: self.job.by,
-            ..Record::of(
+            ..JournalRecord::of(
                 self.job.change,
                 &self.job.line,
                 &self.job.module,

@@ -1,10 +1,13 @@
 //! Changes settings of one module: read, check, write, look for it, read back, or roll back.
 
 use super::desk::{Desk, Reply};
-use super::place::{Found, Kept, Place};
+use super::place::{BusAddress, Found, Kept};
 use super::sight::{find, first_alone};
-use super::stages::{Stage, stages};
-use super::{By, Procedure, Progress, Record, Refused, Spot, State, Trouble, vacant};
+use super::stages::{WriteStep, stages};
+use super::{
+    ChangeOrigin, JournalRecord, NotWritable, Procedure, ProcedureError, Progress, RecordState,
+    Spot, vacant,
+};
 use crate::settings::{Wanted, differences};
 use railbus_device::{Change, Module, Observation, Op, Refusal, Setup};
 use railbus_wire::{Frame, Micros, Protocol, Settings};
@@ -28,7 +31,7 @@ pub struct Neighbour {
     /// Its protocol.
     pub protocol: Protocol,
     /// Where it answers.
-    pub place: Place,
+    pub place: BusAddress,
 }
 
 /// A change to one module.
@@ -47,7 +50,7 @@ pub struct Job {
     /// The other modules of the line.
     pub neighbours: Vec<Neighbour>,
     /// What requested the change.
-    pub by: By,
+    pub by: ChangeOrigin,
     /// The change that this one undoes.
     pub undoes: Option<u64>,
 }
@@ -62,11 +65,11 @@ pub enum Ended {
     /// Acknowledged, but not in effect yet: the module applies it at its next power-up.
     Pending(Found),
     /// The module is unchanged.
-    Unchanged(Found, Why),
+    Unchanged(Found, WriteFailure),
     /// A part was done and rolled back: the module is as before.
-    RolledBack(Found, Why),
+    RolledBack(Found, WriteFailure),
     /// A part was done and could not be rolled back: this is where it is and what it has stored.
-    Halfway(Found, Why),
+    Halfway(Found, WriteFailure),
     /// It answers at its old place, and no read shows whether it will apply the new values at its
     /// next power-up: it acknowledged nothing.
     Untold(Found),
@@ -123,7 +126,7 @@ impl Ended {
 
 /// Why a write was not carried out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Why {
+pub enum WriteFailure {
     /// The module refused.
     Refused(Refusal),
     /// It did not answer, and did not carry it out.
@@ -138,13 +141,13 @@ pub enum Why {
 
 /// A procedure that changes settings of a module.
 #[must_use]
-pub fn change(job: Job) -> Procedure<Result<Ended, Trouble>> {
+pub fn change(job: Job) -> Procedure<Result<Ended, ProcedureError>> {
     Procedure::new(move |desk| async move {
-        let place = Place::of(&job.setup);
+        let place = BusAddress::of(&job.setup);
         desk.tell(Progress::Reading(place)).await;
         let found = first_alone(&desk, &job.setup, place).await?;
         let known = found.kept();
-        let wanted = job.wanted.over(&known).ok_or(Refused::NotReadable)?;
+        let wanted = job.wanted.over(&known).ok_or(NotWritable::NotReadable)?;
         let stages = stages(&job.setup, place, &known, &wanted)?;
         let Some(last) = stages.last() else {
             return Ok(Ended::Same(found));
@@ -155,7 +158,12 @@ pub fn change(job: Job) -> Procedure<Result<Ended, Trouble>> {
 }
 
 /// Checks that nothing else answers wherever the module will be on the way.
-async fn check_vacancy(desk: &Desk, job: &Job, from: Place, to: Place) -> Result<(), Trouble> {
+async fn check_vacancy(
+    desk: &Desk,
+    job: &Job,
+    from: BusAddress,
+    to: BusAddress,
+) -> Result<(), ProcedureError> {
     let moves = from.address != to.address;
     let mut serials: Vec<Settings> = vec![from.serial, to.serial];
     serials.dedup();
@@ -169,8 +177,8 @@ pub(crate) async fn carry_all(
     desk: &Desk,
     job: &Job,
     before: Found,
-    stages: &[Stage],
-) -> Result<Ended, Trouble> {
+    stages: &[WriteStep],
+) -> Result<Ended, ProcedureError> {
     let mut writer = Writer {
         desk,
         job,
@@ -181,7 +189,7 @@ pub(crate) async fn carry_all(
     let mut found = before;
     for stage in stages {
         if desk.stopped() && writer.step == 0 {
-            return Err(Trouble::Stopped);
+            return Err(ProcedureError::Stopped);
         }
         match writer.carry(stage, job.by).await? {
             StageEnd::Done(now) => found = now,
@@ -203,10 +211,10 @@ pub(crate) async fn carry_all(
 enum StageEnd {
     Done(Found),
     Pending(Found),
-    Unchanged(Found, Why),
+    Unchanged(Found, WriteFailure),
     Untold(Found),
     /// Neither as before nor as requested.
-    Elsewhere(Found, Why),
+    Elsewhere(Found, WriteFailure),
     Lost(bool),
 }
 
@@ -217,15 +225,19 @@ struct Writer<'d> {
     step: u8,
     steps: u8,
     /// Where the module was, or was moved to, before.
-    places: Vec<Place>,
+    places: Vec<BusAddress>,
 }
 
 impl Writer<'_> {
     /// Writes, and checks the result. The intent is in the journal before the first byte is sent.
-    async fn carry(&mut self, stage: &Stage, by: By) -> Result<StageEnd, Trouble> {
+    async fn carry(
+        &mut self,
+        stage: &WriteStep,
+        by: ChangeOrigin,
+    ) -> Result<StageEnd, ProcedureError> {
         self.step += 1;
         self.steps = self.steps.max(self.step);
-        let intent = self.record(stage, by, State::Intent);
+        let intent = self.record(stage, by, RecordState::Intent);
         self.desk.journal(intent.clone()).await?;
         self.desk
             .tell(Progress::Writing(self.step, self.steps))
@@ -237,19 +249,19 @@ impl Writer<'_> {
             self.write(stage).await?
         };
         let (state, found) = match &end {
-            StageEnd::Done(found) => (State::Done, Some(found)),
-            StageEnd::Pending(found) => (State::Pending, Some(found)),
-            StageEnd::Unchanged(found, _) => (State::Unchanged, Some(found)),
-            StageEnd::Untold(found) => (State::Untold, Some(found)),
-            StageEnd::Elsewhere(found, _) => (State::Elsewhere, Some(found)),
-            StageEnd::Lost(_) => (State::Lost, None),
+            StageEnd::Done(found) => (RecordState::Done, Some(found)),
+            StageEnd::Pending(found) => (RecordState::Pending, Some(found)),
+            StageEnd::Unchanged(found, _) => (RecordState::Unchanged, Some(found)),
+            StageEnd::Untold(found) => (RecordState::Untold, Some(found)),
+            StageEnd::Elsewhere(found, _) => (RecordState::Elsewhere, Some(found)),
+            StageEnd::Lost(_) => (RecordState::Lost, None),
         };
         self.desk.journal(intent.ended(state, found)).await?;
         self.places.extend([stage.from, stage.to]);
         Ok(end)
     }
 
-    fn record(&self, stage: &Stage, by: By, state: State) -> Record {
+    fn record(&self, stage: &WriteStep, by: ChangeOrigin, state: RecordState) -> JournalRecord {
         let job = self.job;
         let set = differences(&job.setup, &stage.before, &stage.after);
         let module = Module::new(stage.from.setup(&job.setup));
@@ -261,7 +273,7 @@ impl Writer<'_> {
         }) {
             exchange.encode(&mut frame);
         }
-        Record {
+        JournalRecord {
             step: self.step,
             steps: self.steps,
             state,
@@ -279,12 +291,12 @@ impl Writer<'_> {
                 .collect(),
             by,
             undoes: job.undoes,
-            ..Record::of(job.change, &job.line, &job.module, &job.setup)
+            ..JournalRecord::of(job.change, &job.line, &job.module, &job.setup)
         }
     }
 
-    async fn write(&self, stage: &Stage) -> Result<StageEnd, Trouble> {
-        let module = Module::new(stage.from.setup(&self.job.setup)).map_err(Refused::Setup)?;
+    async fn write(&self, stage: &WriteStep) -> Result<StageEnd, ProcedureError> {
+        let module = Module::new(stage.from.setup(&self.job.setup)).map_err(NotWritable::Setup)?;
         let op = Op::Configure(stage.change);
         let mut end = StageEnd::Lost(false);
         for _ in 0..WRITES {
@@ -299,7 +311,7 @@ impl Writer<'_> {
             // It was read since, and is unchanged: writing again is not writing blindly.
             if !matches!(
                 end,
-                StageEnd::Unchanged(_, Why::Ignored) | StageEnd::Untold(_)
+                StageEnd::Unchanged(_, WriteFailure::Ignored) | StageEnd::Untold(_)
             ) {
                 break;
             }
@@ -309,16 +321,16 @@ impl Writer<'_> {
 
     /// A board accepts its address only within 10 s of power-up: the user power-cycles it meanwhile
     /// [R55 §4.6, §4.8].
-    async fn write_board(&self, stage: &Stage) -> Result<StageEnd, Trouble> {
-        let board = Module::new(stage.from.setup(&self.job.setup)).map_err(Refused::Setup)?;
-        let there = Module::new(stage.to.setup(&self.job.setup)).map_err(Refused::Setup)?;
+    async fn write_board(&self, stage: &WriteStep) -> Result<StageEnd, ProcedureError> {
+        let board = Module::new(stage.from.setup(&self.job.setup)).map_err(NotWritable::Setup)?;
+        let there = Module::new(stage.to.setup(&self.job.setup)).map_err(NotWritable::Setup)?;
         let desk = self.desk;
         let end = desk.now() + POWER_CYCLE;
-        let mut why = Why::NoPowerCycle;
+        let mut why = WriteFailure::NoPowerCycle;
         let mut acknowledged = false;
         while desk.now() < end {
             if desk.stopped() {
-                why = Why::Stopped;
+                why = WriteFailure::Stopped;
                 break;
             }
             let attempt = desk.now();
@@ -350,12 +362,17 @@ impl Writer<'_> {
     }
 
     /// Writes back the previous settings, as far as the module accepts them.
-    async fn go_back(mut self, now: Found, before: Found, why: Why) -> Result<Ended, Trouble> {
+    async fn go_back(
+        mut self,
+        now: Found,
+        before: Found,
+        why: WriteFailure,
+    ) -> Result<Ended, ProcedureError> {
         let old = before.kept();
         let back = stages(&self.job.setup, now.place, &now.kept(), &old)?;
         let mut found = now;
         for stage in &back {
-            match self.carry(stage, By::Rollback).await? {
+            match self.carry(stage, ChangeOrigin::Rollback).await? {
                 StageEnd::Done(now) => found = now,
                 StageEnd::Lost(garbled) => return Ok(Ended::Lost(garbled)),
                 StageEnd::Pending(now)
@@ -381,13 +398,17 @@ pub(crate) fn untold(change: Change) -> Option<(String, [String; 2])> {
 
 /// Where the module may be after a write, the likeliest first: at the new place, at the old one,
 /// and wherever only a part of this change, or of an earlier write, is in effect (choice 01).
-pub(crate) fn candidates(to: Place, from: Place, earlier: &[Place]) -> Vec<Place> {
-    let known: Vec<Place> = [to, from]
+pub(crate) fn candidates(
+    to: BusAddress,
+    from: BusAddress,
+    earlier: &[BusAddress],
+) -> Vec<BusAddress> {
+    let known: Vec<BusAddress> = [to, from]
         .into_iter()
         .chain(earlier.iter().copied())
         .collect();
     let mut places = Vec::new();
-    let mut add = |place: Place| {
+    let mut add = |place: BusAddress| {
         if !places.contains(&place) {
             places.push(place);
         }
@@ -396,7 +417,7 @@ pub(crate) fn candidates(to: Place, from: Place, earlier: &[Place]) -> Vec<Place
     for address in known.iter().map(|place| place.address) {
         for serial in known.iter().map(|place| place.serial) {
             for checksum in known.iter().map(|place| place.checksum) {
-                add(Place {
+                add(BusAddress {
                     address,
                     serial,
                     checksum,
@@ -408,19 +429,19 @@ pub(crate) fn candidates(to: Place, from: Place, earlier: &[Place]) -> Vec<Place
 }
 
 /// What a module that was found says about a write.
-fn judge(stage: &Stage, reply: &Reply, found: Found) -> StageEnd {
+fn judge(stage: &WriteStep, reply: &Reply, found: Found) -> StageEnd {
     if is_done(stage, &found) {
         return StageEnd::Done(found);
     }
     let why = match reply {
-        Reply::Said(Observation::Refused(refusal)) => Why::Refused(*refusal),
-        Reply::Said(_) => Why::NotVerified,
-        Reply::Silent | Reply::Garbled => Why::Ignored,
+        Reply::Said(Observation::Refused(refusal)) => WriteFailure::Refused(*refusal),
+        Reply::Said(_) => WriteFailure::NotVerified,
+        Reply::Silent | Reply::Garbled => WriteFailure::Ignored,
     };
     let (new, old) = evidence(stage, &found.told);
     let acknowledged = matches!(reply, Reply::Said(Observation::Done));
     let moves = stage.from != stage.to && found.place != stage.to;
-    let refused = matches!(why, Why::Refused(_));
+    let refused = matches!(why, WriteFailure::Refused(_));
     match (new, old) {
         (true, false) if moves => StageEnd::Pending(found),
         // It reports nothing of what was written. Whatever it acknowledged, or shows in part, it
@@ -435,14 +456,14 @@ fn judge(stage: &Stage, reply: &Reply, found: Found) -> StageEnd {
 }
 
 /// Whether the module matches the stage: at the right place, and in all that it reports.
-pub(crate) fn is_done(stage: &Stage, found: &Found) -> bool {
+pub(crate) fn is_done(stage: &WriteStep, found: &Found) -> bool {
     let told_what_matters = (stage.after.pulse == stage.before.pulse || found.told.pulse.is_some())
         && (stage.after.voltage == stage.before.voltage || found.told.voltage.is_some());
     found.place == stage.to && found.told.agrees(&stage.after) && told_what_matters
 }
 
 /// Whether any of the differing settings that the module reports is as after, or as before.
-pub(crate) fn evidence(stage: &Stage, told: &Kept) -> (bool, bool) {
+pub(crate) fn evidence(stage: &WriteStep, told: &Kept) -> (bool, bool) {
     fn of<T: PartialEq>(told: Option<T>, before: Option<T>, after: Option<T>) -> (bool, bool) {
         let differs = before != after && told.is_some();
         (differs && told == after, differs && told == before)

@@ -4,7 +4,7 @@
 //! hand, with a no-op waker: it contains no runtime, and never waits for anything but the next
 //! [`Procedure::next`].
 
-use super::{Place, Record, Refused, Taken};
+use super::{BusAddress, JournalRecord, NotWritable, Taken};
 use crate::risk::Risk;
 use railbus_bus::LATE_MIN;
 use railbus_device::{Module, Observation, Op, Setup};
@@ -23,11 +23,11 @@ const QUIET: Micros = Micros::from_millis(20);
 /// The next action.
 #[derive(Clone, Debug)]
 #[allow(clippy::large_enum_variant, reason = "one at a time")]
-pub enum Act {
+pub enum DriverAction {
     /// Write this to the journal and make it durable.
-    Journal(Record),
+    Journal(JournalRecord),
     /// Send a request and listen.
-    Ask(Ask),
+    Ask(TimedExchange),
     /// Let this much time pass.
     Wait(Micros),
     /// Report progress to the user.
@@ -38,7 +38,7 @@ pub enum Act {
 
 /// A request to send.
 #[derive(Clone, Copy, Debug)]
-pub struct Ask {
+pub struct TimedExchange {
     /// The exchange, which also decodes its reply.
     pub exchange: Exchange<'static>,
     /// Speed and character format.
@@ -79,13 +79,13 @@ pub struct Heard {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Progress {
     /// The module is being read.
-    Reading(Place),
+    Reading(BusAddress),
     /// Checking that nothing answers at the new address.
-    Vacancy(Place),
+    Vacancy(BusAddress),
     /// A write was sent: the number of the step, and of how many.
     Writing(u8, u8),
     /// Looking for it here.
-    Looking(Place),
+    Looking(BusAddress),
     /// The module must be power-cycled; this many seconds are left.
     PowerCycle(u64),
     /// A calibration is in progress.
@@ -105,15 +105,15 @@ pub enum Question {
 /// Why a procedure ended without its result. Nothing was written to the module, unless the journal
 /// says so.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Trouble {
+pub enum ProcedureError {
     /// Nothing answers at that place.
-    NoReply(Place),
+    NoReply(BusAddress),
     /// Only invalid replies from that place: noise, or two modules.
-    Garbled(Place),
+    Garbled(BusAddress),
     /// Another model answers at that place; what it says it is, if it says so.
-    WrongModel(Place, Option<String>),
+    WrongModel(BusAddress, Option<String>),
     /// The requested settings are not possible.
-    Refused(Refused),
+    Refused(NotWritable),
     /// The new place is in use.
     Taken(Taken),
     /// A module of another protocol could take the frame for a command.
@@ -126,19 +126,19 @@ pub enum Trouble {
     Stopped,
 }
 
-impl Trouble {
+impl ProcedureError {
     /// Whether something may have been written nevertheless.
     #[must_use]
     pub const fn may_have_acted(&self) -> bool {
         match self {
-            Trouble::Port(wrote) | Trouble::Journal(wrote) => *wrote,
-            Trouble::NoReply(_)
-            | Trouble::Garbled(_)
-            | Trouble::WrongModel(..)
-            | Trouble::Refused(_)
-            | Trouble::Taken(_)
-            | Trouble::Unsafe(_)
-            | Trouble::Stopped => false,
+            ProcedureError::Port(wrote) | ProcedureError::Journal(wrote) => *wrote,
+            ProcedureError::NoReply(_)
+            | ProcedureError::Garbled(_)
+            | ProcedureError::WrongModel(..)
+            | ProcedureError::Refused(_)
+            | ProcedureError::Taken(_)
+            | ProcedureError::Unsafe(_)
+            | ProcedureError::Stopped => false,
         }
     }
 }
@@ -146,9 +146,9 @@ impl Trouble {
 /// What a procedure does next, or its result.
 #[derive(Clone, Debug)]
 #[allow(clippy::large_enum_variant, reason = "one at a time")]
-pub enum Step<T> {
+pub enum ProcedureStep<T> {
     /// Do this, and report the result.
-    Do(Act),
+    Do(DriverAction),
     /// It has ended.
     Done(T),
 }
@@ -180,7 +180,7 @@ impl<T> Procedure<T> {
 
     /// Takes the result of the last action and its time, and returns the next action. The first
     /// event is [`Event::Begin`].
-    pub fn next(&mut self, now: Instant, event: Event) -> Step<T> {
+    pub fn next(&mut self, now: Instant, event: Event) -> ProcedureStep<T> {
         {
             let mut paper = self.desk.lock();
             paper.now = now;
@@ -188,9 +188,15 @@ impl<T> Procedure<T> {
         }
         let mut context = Context::from_waker(Waker::noop());
         match self.future.as_mut().poll(&mut context) {
-            Poll::Ready(end) => Step::Done(end),
+            Poll::Ready(end) => ProcedureStep::Done(end),
             // A procedure that waits without an action would wait for ever: let time pass.
-            Poll::Pending => Step::Do(self.desk.lock().act.take().unwrap_or(Act::Wait(QUIET))),
+            Poll::Pending => ProcedureStep::Do(
+                self.desk
+                    .lock()
+                    .act
+                    .take()
+                    .unwrap_or(DriverAction::Wait(QUIET)),
+            ),
         }
     }
 
@@ -207,7 +213,7 @@ pub(crate) struct Desk(Arc<Mutex<Paper>>);
 #[derive(Debug, Default)]
 struct Paper {
     now: Instant,
-    act: Option<Act>,
+    act: Option<DriverAction>,
     event: Option<Event>,
     stopped: bool,
     /// Requests whose replies may still arrive, and until when.
@@ -244,7 +250,7 @@ impl Desk {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    async fn act(&self, act: Act) -> Event {
+    async fn act(&self, act: DriverAction) -> Event {
         self.lock().act = Some(act);
         poll_fn(|_| match self.lock().event.take() {
             Some(event) => Poll::Ready(event),
@@ -277,23 +283,26 @@ impl Desk {
         self.lock().stray
     }
 
-    pub(crate) async fn journal(&self, record: Record) -> Result<(), Trouble> {
-        match self.act(Act::Journal(record)).await {
+    pub(crate) async fn journal(&self, record: JournalRecord) -> Result<(), ProcedureError> {
+        match self.act(DriverAction::Journal(record)).await {
             Event::Kept(true) => Ok(()),
-            _ => Err(Trouble::Journal(self.lock().wrote)),
+            _ => Err(ProcedureError::Journal(self.lock().wrote)),
         }
     }
 
     pub(crate) async fn wait(&self, time: Micros) {
-        self.act(Act::Wait(time)).await;
+        self.act(DriverAction::Wait(time)).await;
     }
 
     pub(crate) async fn tell(&self, progress: Progress) {
-        self.act(Act::Tell(progress)).await;
+        self.act(DriverAction::Tell(progress)).await;
     }
 
     pub(crate) async fn confirm(&self, question: Question) -> bool {
-        matches!(self.act(Act::Confirm(question)).await, Event::Answer(true))
+        matches!(
+            self.act(DriverAction::Confirm(question)).await,
+            Event::Answer(true)
+        )
     }
 
     /// Sends one request and receives its reply. A request whose reply could be confused with a
@@ -303,9 +312,9 @@ impl Desk {
         setup: &Setup,
         exchange: Exchange<'static>,
         timeout: Micros,
-    ) -> Result<Vec<u8>, Trouble> {
+    ) -> Result<Vec<u8>, ProcedureError> {
         if let Some(protocol) = carried(&exchange) {
-            return Err(Trouble::Unsafe(protocol));
+            return Err(ProcedureError::Unsafe(protocol));
         }
         self.outwait_ghosts(&exchange).await;
         let serial = setup.serial;
@@ -318,19 +327,19 @@ impl Desk {
                 Micros(2 * slower.0)
             }
         };
-        let ask = Ask {
+        let ask = TimedExchange {
             exchange,
             settings: serial,
             quiet: self.quiet().max(setup.request_gap()).max(switching),
             timeout: timeout + serial.frame_time(exchange.response_len_max()),
         };
         self.lock().wrote |= Risk::of(&exchange) > Risk::Read;
-        let Event::Heard(heard) = self.act(Act::Ask(ask)).await else {
-            return Err(Trouble::Port(self.lock().wrote));
+        let Event::Heard(heard) = self.act(DriverAction::Ask(ask)).await else {
+            return Err(ProcedureError::Port(self.lock().wrote));
         };
         let mut paper = self.lock();
         if heard.lost {
-            return Err(Trouble::Port(paper.wrote));
+            return Err(ProcedureError::Port(paper.wrote));
         }
         if let Some(last) = paper.last.replace(exchange) {
             paper.twice |= last.find_response(&heard.stray).1.whole().is_some();
@@ -370,7 +379,7 @@ impl Desk {
     }
 
     /// Performs an op once.
-    pub(crate) async fn op(&self, module: &Module, op: &Op) -> Result<Reply, Trouble> {
+    pub(crate) async fn op(&self, module: &Module, op: &Op) -> Result<Reply, ProcedureError> {
         self.op_within(module, op, REPLY_TIMEOUT).await
     }
 
@@ -379,9 +388,9 @@ impl Desk {
         module: &Module,
         op: &Op,
         timeout: Micros,
-    ) -> Result<Reply, Trouble> {
+    ) -> Result<Reply, ProcedureError> {
         let Ok(exchange) = module.exchange(op) else {
-            return Err(Trouble::Refused(Refused::NoCommand));
+            return Err(ProcedureError::Refused(NotWritable::NoCommand));
         };
         let heard = self.exchange(module.setup(), exchange, timeout).await?;
         Ok(match exchange.find_response(&heard).1.whole() {
@@ -392,7 +401,7 @@ impl Desk {
     }
 
     /// Performs a read-only op, with retries.
-    pub(crate) async fn read(&self, module: &Module, op: &Op) -> Result<Reply, Trouble> {
+    pub(crate) async fn read(&self, module: &Module, op: &Op) -> Result<Reply, ProcedureError> {
         self.read_times(module, op, 3).await
     }
 
@@ -402,7 +411,7 @@ impl Desk {
         module: &Module,
         op: &Op,
         times: usize,
-    ) -> Result<Reply, Trouble> {
+    ) -> Result<Reply, ProcedureError> {
         let mut last = Reply::Silent;
         for _ in 0..times {
             last = match self.op(module, op).await? {
@@ -423,20 +432,20 @@ pub(crate) fn carried(exchange: &Exchange<'_>) -> Option<Protocol> {
     foreign_command(frame.bytes(), exchange.protocol(), Protocol::ALL)
 }
 
-impl From<Refused> for Trouble {
-    fn from(why: Refused) -> Trouble {
-        Trouble::Refused(why)
+impl From<NotWritable> for ProcedureError {
+    fn from(why: NotWritable) -> ProcedureError {
+        ProcedureError::Refused(why)
     }
 }
 
-impl Trouble {
+impl ProcedureError {
     /// The place it refers to, if any.
     #[must_use]
-    pub const fn place(&self) -> Option<Place> {
+    pub const fn place(&self) -> Option<BusAddress> {
         match self {
-            Trouble::NoReply(place) | Trouble::Garbled(place) | Trouble::WrongModel(place, _) => {
-                Some(*place)
-            }
+            ProcedureError::NoReply(place)
+            | ProcedureError::Garbled(place)
+            | ProcedureError::WrongModel(place, _) => Some(*place),
             _ => None,
         }
     }
@@ -453,13 +462,14 @@ mod tests {
             desk.confirm(Question::ZeroReady([0; 2])).await
         });
         let now = Instant(0);
-        let Step::Do(Act::Wait(Micros(5))) = procedure.next(now, Event::Begin) else {
+        let ProcedureStep::Do(DriverAction::Wait(Micros(5))) = procedure.next(now, Event::Begin)
+        else {
             panic!("it waits first");
         };
-        let Step::Do(Act::Confirm(_)) = procedure.next(now, Event::Over) else {
+        let ProcedureStep::Do(DriverAction::Confirm(_)) = procedure.next(now, Event::Over) else {
             panic!("then it asks");
         };
-        let Step::Done(true) = procedure.next(now, Event::Answer(true)) else {
+        let ProcedureStep::Done(true) = procedure.next(now, Event::Answer(true)) else {
             panic!("and ends");
         };
     }

@@ -3,7 +3,7 @@
 //! Nothing here touches a file. A last line torn by a power loss is skipped: an incomplete intent
 //! was not followed by a write, and an incomplete end leaves the intent open.
 
-use super::{Found, Place};
+use super::{BusAddress, Found};
 use railbus_device::Setup;
 use railbus_wire::{Address, Baud, Character, Settings};
 use serde::{Deserialize, Serialize};
@@ -19,7 +19,7 @@ const SCHEMA: u8 = 1;
 /// What is known about a step of a change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum State {
+pub enum RecordState {
     /// It is about to be written: the module has the old values or the new ones.
     Intent,
     /// It has the new values: they were read back.
@@ -38,18 +38,18 @@ pub enum State {
     Filed,
 }
 
-impl State {
+impl RecordState {
     /// Whether it has the new values.
     #[must_use]
     pub const fn is_done(self) -> bool {
-        matches!(self, State::Done | State::Filed)
+        matches!(self, RecordState::Done | RecordState::Filed)
     }
 }
 
 /// What requested the change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum By {
+pub enum ChangeOrigin {
     /// `config set`.
     Set,
     /// `config undo`.
@@ -84,7 +84,7 @@ pub struct Spot {
 impl Spot {
     /// A place, to be recorded.
     #[must_use]
-    pub fn of(place: Place) -> Spot {
+    pub fn of(place: BusAddress) -> Spot {
         Spot {
             address: place.address.0,
             baud: place.serial.baud.rate(),
@@ -95,8 +95,8 @@ impl Spot {
 
     /// The recorded place; `None` if there is none.
     #[must_use]
-    pub fn place(&self) -> Option<Place> {
-        Some(Place {
+    pub fn place(&self) -> Option<BusAddress> {
+        Some(BusAddress {
             address: Address(self.address),
             serial: Settings {
                 baud: Baud::from_rate(self.baud)?,
@@ -109,7 +109,7 @@ impl Spot {
 
 /// One record.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Record {
+pub struct JournalRecord {
     /// The version of the format.
     pub schema: u8,
     /// The number of its change, from 1.
@@ -121,7 +121,7 @@ pub struct Record {
     /// How many there are.
     pub steps: u8,
     /// What is known about it.
-    pub state: State,
+    pub state: RecordState,
     /// The line.
     pub line: String,
     /// The module.
@@ -142,24 +142,24 @@ pub struct Record {
     /// The frame, in hexadecimal digits.
     pub frame: String,
     /// What requested it.
-    pub by: By,
+    pub by: ChangeOrigin,
     /// The change that this one undoes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub undoes: Option<u64>,
 }
 
-impl Record {
+impl JournalRecord {
     /// An empty record of this change.
     #[must_use]
-    pub fn of(change: u64, line: &str, module: &str, setup: &Setup) -> Record {
-        let here = Spot::of(Place::of(setup));
-        Record {
+    pub fn of(change: u64, line: &str, module: &str, setup: &Setup) -> JournalRecord {
+        let here = Spot::of(BusAddress::of(setup));
+        JournalRecord {
             schema: SCHEMA,
             change,
             at: String::new(),
             step: 1,
             steps: 1,
-            state: State::Intent,
+            state: RecordState::Intent,
             line: line.to_owned(),
             module: module.to_owned(),
             model: setup.family.name().to_owned(),
@@ -169,16 +169,16 @@ impl Record {
             found: None,
             set: BTreeMap::new(),
             frame: String::new(),
-            by: By::Set,
+            by: ChangeOrigin::Set,
             undoes: None,
         }
     }
 
     /// The same step, now that more is known.
     #[must_use]
-    pub fn ended(&self, state: State, found: Option<&Found>) -> Record {
+    pub fn ended(&self, state: RecordState, found: Option<&Found>) -> JournalRecord {
         let found = found.map(|found| Spot::of(found.place));
-        Record {
+        JournalRecord {
             state,
             found,
             ..self.clone()
@@ -197,7 +197,7 @@ impl Record {
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Log {
     /// Its records, the oldest first.
-    pub records: Vec<Record>,
+    pub records: Vec<JournalRecord>,
     /// How many lines are not records: torn, or of another version.
     pub unread: usize,
 }
@@ -208,7 +208,7 @@ impl Log {
     pub fn read(text: &str) -> Log {
         let mut log = Log::default();
         for line in text.lines().filter(|line| !line.is_empty()) {
-            match serde_json::from_str::<Record>(line) {
+            match serde_json::from_str::<JournalRecord>(line) {
                 Ok(record) if record.schema == SCHEMA => log.records.push(record),
                 _ => log.unread += 1,
             }
@@ -228,7 +228,7 @@ impl Log {
     }
 
     /// The records of a change, the oldest first.
-    pub fn change(&self, number: u64) -> impl Iterator<Item = &Record> {
+    pub fn change(&self, number: u64) -> impl Iterator<Item = &JournalRecord> {
         self.records
             .iter()
             .filter(move |record| record.change == number)
@@ -236,7 +236,7 @@ impl Log {
 
     /// Every place named in the records of a change.
     #[must_use]
-    pub fn places(&self, number: u64) -> Vec<Place> {
+    pub fn places(&self, number: u64) -> Vec<BusAddress> {
         let records = self.change(number);
         let spots = records
             .flat_map(|record| [Some(&record.to), Some(&record.from), record.found.as_ref()]);
@@ -245,7 +245,7 @@ impl Log {
 
     /// The last record of each change, by its number.
     #[must_use]
-    pub fn last_words(&self) -> BTreeMap<u64, &Record> {
+    pub fn last_words(&self) -> BTreeMap<u64, &JournalRecord> {
         self.records
             .iter()
             .map(|record| (record.change, record))
@@ -258,7 +258,7 @@ impl Log {
     pub fn net(&self, number: u64) -> BTreeMap<String, [String; 2]> {
         let mut set: BTreeMap<String, [String; 2]> = BTreeMap::new();
         let intents = self.change(number);
-        for record in intents.filter(|record| record.state == State::Intent) {
+        for record in intents.filter(|record| record.state == RecordState::Intent) {
             for (key, [old, new]) in &record.set {
                 set.entry(key.clone())
                     .and_modify(|both| both[1].clone_from(new))
@@ -271,16 +271,20 @@ impl Log {
     /// Whether a part of a change was rolled back because the rest failed.
     #[must_use]
     pub fn is_rolled_back(&self, number: u64) -> bool {
-        self.change(number).any(|record| record.by == By::Rollback)
+        self.change(number)
+            .any(|record| record.by == ChangeOrigin::Rollback)
     }
 
     /// The changes after which it is not certain where the module is and what it has stored.
     #[must_use]
-    pub fn open(&self) -> Vec<&Record> {
-        let is_open = |record: &&Record| {
+    pub fn open(&self) -> Vec<&JournalRecord> {
+        let is_open = |record: &&JournalRecord| {
             matches!(
                 record.state,
-                State::Intent | State::Pending | State::Elsewhere | State::Lost
+                RecordState::Intent
+                    | RecordState::Pending
+                    | RecordState::Elsewhere
+                    | RecordState::Lost
             )
         };
         self.last_words().into_values().filter(is_open).collect()
@@ -289,11 +293,11 @@ impl Log {
     /// Where a module was last known to be, if its last change has not reached the configuration
     /// file: the host died between the two.
     #[must_use]
-    pub fn unfiled(&self, module: &str) -> Option<Place> {
+    pub fn unfiled(&self, module: &str) -> Option<BusAddress> {
         let mut of_module = self.records.iter().filter(|record| record.module == module);
         let last = of_module.next_back()?;
         let place = last.found.as_ref().and_then(Spot::place);
-        place.filter(|_| last.state == State::Done)
+        place.filter(|_| last.state == RecordState::Done)
     }
 
     /// What remains of a journal that is too long: its newer half, and all open changes. `None` if
@@ -319,21 +323,21 @@ mod tests {
     use super::*;
     use railbus_device::Family;
 
-    fn record(change: u64, state: State) -> Record {
+    fn record(change: u64, state: RecordState) -> JournalRecord {
         let setup = Setup::new(Family::Erc8, Address(3));
-        Record {
+        JournalRecord {
             state,
-            ..Record::of(change, "main", "oven", &setup)
+            ..JournalRecord::of(change, "main", "oven", &setup)
         }
     }
 
-    fn text(records: &[Record]) -> String {
-        records.iter().map(Record::line_of_text).collect()
+    fn text(records: &[JournalRecord]) -> String {
+        records.iter().map(JournalRecord::line_of_text).collect()
     }
 
     #[test]
     fn what_was_written_is_read_and_a_torn_end_is_passed_over() {
-        let both = [record(1, State::Intent), record(1, State::Done)];
+        let both = [record(1, RecordState::Intent), record(1, RecordState::Done)];
         let whole = text(&both);
         assert_eq!(Log::read(&whole).records, both);
         let first = both[0].line_of_text().len();
@@ -350,20 +354,30 @@ mod tests {
 
     #[test]
     fn a_change_is_open_until_its_end_is_known() {
-        let open = |records: &[Record]| Log::read(&text(records)).open().len();
-        assert_eq!(open(&[record(1, State::Intent)]), 1);
-        assert_eq!(open(&[record(1, State::Intent), record(1, State::Lost)]), 1);
+        let open = |records: &[JournalRecord]| Log::read(&text(records)).open().len();
+        assert_eq!(open(&[record(1, RecordState::Intent)]), 1);
         assert_eq!(
-            open(&[record(1, State::Intent), record(1, State::Unchanged)]),
+            open(&[record(1, RecordState::Intent), record(1, RecordState::Lost)]),
+            1
+        );
+        assert_eq!(
+            open(&[
+                record(1, RecordState::Intent),
+                record(1, RecordState::Unchanged)
+            ]),
             0
         );
-        assert_eq!(open(&[record(1, State::Lost), record(2, State::Done)]), 1);
+        assert_eq!(
+            open(&[record(1, RecordState::Lost), record(2, RecordState::Done)]),
+            1
+        );
     }
 
     #[test]
     fn a_long_journal_is_shortened_and_forgets_nothing_that_is_open() {
-        let mut records = vec![record(1, State::Intent)];
-        records.extend((2..=RECORDS_MAX as u64 + 1).map(|number| record(number, State::Done)));
+        let mut records = vec![record(1, RecordState::Intent)];
+        records
+            .extend((2..=RECORDS_MAX as u64 + 1).map(|number| record(number, RecordState::Done)));
         let log = Log { records, unread: 0 };
         let short = Log::read(&log.shortened().unwrap());
         assert_eq!(short.records.len(), RECORDS_MAX / 2 + 1);

@@ -1,9 +1,9 @@
 //! Finding modules ([`scan`]), and changing the stored settings that their datasheets list.
 //!
 //! Each procedure is sequential: it reads like the steps of a manual. It does no I/O and uses no
-//! clock: it hands out one [`Act`] after the other and takes in the results ([`Procedure::next`]),
-//! so the same code runs on a real line and, interrupted at every step, on a simulated one. Nothing
-//! is written to a module before it is in the journal.
+//! clock: it hands out one [`DriverAction`] after the other and takes in the results
+//! ([`Procedure::next`]), so the same code runs on a real line and, interrupted at every step, on a
+//! simulated one. Nothing is written to a module before it is in the journal.
 //!
 //! # Where things are
 //! - Finding modules: `scan`: speeds, addresses and their order in `scope`, what to send next in
@@ -39,13 +39,16 @@ mod vacant;
 
 pub use boards::{BoardState, all_boards};
 pub use calibrate::{Calibrated, Hindrance, calibrate, restore_factory};
-pub use change::{Ended, Job, Neighbour, Why, change};
-pub use desk::{Act, Ask, Event, Heard, Procedure, Progress, Question, Step, Trouble};
+pub use change::{Ended, Job, Neighbour, WriteFailure, change};
+pub use desk::{
+    DriverAction, Event, Heard, Procedure, ProcedureError, ProcedureStep, Progress, Question,
+    TimedExchange,
+};
 pub use frame::{read_request, request};
-pub use journal::{By, Log, RECORDS_MAX, Record, Spot, State};
-pub use place::{Found, Kept, Place, Pulse};
+pub use journal::{ChangeOrigin, JournalRecord, Log, RECORDS_MAX, RecordState, Spot};
+pub use place::{BusAddress, Found, Kept, PulseSetup};
 pub use recover::{Recovered, Search, look_up, recover};
 pub use risk::{Risk, is_answered};
 pub use sight::{Sight, read};
-pub use stages::{Refused, Stage, stages};
+pub use stages::{NotWritable, WriteStep, stages};
 pub use vacant::{Taken, vacant};

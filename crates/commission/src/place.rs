@@ -5,7 +5,7 @@ use railbus_wire::{Address, Baud, Character, PulseWidth, Settings};
 
 /// Where a module answers: what a host must know to talk to it, apart from its protocol.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Place {
+pub struct BusAddress {
     /// Its address.
     pub address: Address,
     /// Speed and character format.
@@ -14,11 +14,11 @@ pub struct Place {
     pub checksum: bool,
 }
 
-impl Place {
+impl BusAddress {
     /// Where a module with this description answers.
     #[must_use]
-    pub const fn of(setup: &Setup) -> Place {
-        Place {
+    pub const fn of(setup: &Setup) -> BusAddress {
+        BusAddress {
             address: setup.address,
             serial: setup.serial,
             checksum: setup.checksum,
@@ -39,7 +39,7 @@ impl Place {
 
 /// Which outputs of an EDA9060A give pulses, and how long [EDA9060A §3.4].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Pulse {
+pub struct PulseSetup {
     /// Bit n = output n gives pulses.
     pub mask: u8,
     /// The width of all pulses.
@@ -59,7 +59,7 @@ pub struct Kept {
     /// Its ASCII frames carry a checksum.
     pub checksum: Option<bool>,
     /// Which outputs give pulses, and how long.
-    pub pulse: Option<Pulse>,
+    pub pulse: Option<PulseSetup>,
     /// The calibration voltage in hundredths of a volt.
     pub voltage: Option<u16>,
 }
@@ -67,7 +67,7 @@ pub struct Kept {
 impl Kept {
     /// What the place itself shows.
     #[must_use]
-    pub const fn at(place: Place) -> Kept {
+    pub const fn at(place: BusAddress) -> Kept {
         Kept {
             address: Some(place.address),
             baud: Some(place.serial.baud),
@@ -107,8 +107,8 @@ impl Kept {
 
     /// Where a module answers once these settings are in effect.
     #[must_use]
-    pub fn place(&self, before: Place) -> Place {
-        Place {
+    pub fn place(&self, before: BusAddress) -> BusAddress {
+        BusAddress {
             address: self.address.unwrap_or(before.address),
             serial: Settings {
                 baud: self.baud.unwrap_or(before.serial.baud),
@@ -123,7 +123,7 @@ impl Kept {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Found {
     /// Where.
-    pub place: Place,
+    pub place: BusAddress,
     /// The settings it reports. What it does not report is empty here.
     pub told: Kept,
     /// The product version, if it reports one (EMD-2A2Q).
@@ -137,7 +137,7 @@ pub struct Found {
 impl Found {
     /// A module that answered here and reported no settings.
     #[must_use]
-    pub fn at(place: Place) -> Found {
+    pub fn at(place: BusAddress) -> Found {
         Found {
             place,
             told: Kept::default(),

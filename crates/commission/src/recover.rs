@@ -2,10 +2,10 @@
 
 use super::change::{candidates, evidence};
 use super::desk::Desk;
-use super::place::{Found, Kept, Place};
+use super::place::{BusAddress, Found, Kept};
 use super::sight::{Look, find, look};
-use super::stages::Stage;
-use super::{By, Procedure, Progress, Record, Sight, State, Trouble};
+use super::stages::WriteStep;
+use super::{ChangeOrigin, JournalRecord, Procedure, ProcedureError, Progress, RecordState, Sight};
 use crate::settings::Wanted;
 use railbus_device::{Change, Setup};
 use railbus_wire::{Address, Protocol, Settings};
@@ -16,12 +16,12 @@ pub struct Search {
     /// What it is.
     pub setup: Setup,
     /// The likeliest places, most likely first.
-    pub first: Vec<Place>,
+    pub first: Vec<BusAddress>,
     /// Then every speed, parity and checksum state of the family at those addresses, then the
     /// factory settings, then all its addresses at those speeds.
     pub outwards: bool,
     /// Places of other modules, which must not be mistaken for it.
-    pub others: Vec<Place>,
+    pub others: Vec<BusAddress>,
 }
 
 /// The result of a recovery.
@@ -45,15 +45,15 @@ pub enum Recovered {
 /// record, and the places that its earlier ones name.
 #[must_use]
 pub fn recover(
-    intent: Record,
-    earlier: Vec<Place>,
+    intent: JournalRecord,
+    earlier: Vec<BusAddress>,
     setup: Setup,
     outwards: bool,
-    others: Vec<Place>,
-) -> Procedure<Result<Recovered, Trouble>> {
+    others: Vec<BusAddress>,
+) -> Procedure<Result<Recovered, ProcedureError>> {
     Procedure::new(move |desk| async move {
         let (Some(from), Some(to)) = (intent.from.place(), intent.to.place()) else {
-            return Err(Trouble::Journal(false));
+            return Err(ProcedureError::Journal(false));
         };
         let stage = stage_of(&intent, &setup, from, to);
         let search = Search {
@@ -63,22 +63,23 @@ pub fn recover(
             others,
         };
         let (found, garbled) = seek(&desk, &search).await?;
-        let untold = matches!(intent.by, By::Calibrate | By::Factory) && from == to;
+        let untold =
+            matches!(intent.by, ChangeOrigin::Calibrate | ChangeOrigin::Factory) && from == to;
         let recovered = match found {
             None => Recovered::Nowhere(garbled),
             Some(found) if untold => Recovered::Untold(found),
             Some(found) => judge(&stage, found),
         };
         let (state, found) = match &recovered {
-            Recovered::New(found) => (State::Done, Some(found)),
-            Recovered::Old(found) => (State::Unchanged, Some(found)),
-            Recovered::Pending(found) => (State::Pending, Some(found)),
-            Recovered::Else(found) => (State::Elsewhere, Some(found)),
-            Recovered::Untold(found) => (State::Untold, Some(found)),
-            Recovered::Nowhere(_) => (State::Lost, None),
+            Recovered::New(found) => (RecordState::Done, Some(found)),
+            Recovered::Old(found) => (RecordState::Unchanged, Some(found)),
+            Recovered::Pending(found) => (RecordState::Pending, Some(found)),
+            Recovered::Else(found) => (RecordState::Elsewhere, Some(found)),
+            Recovered::Untold(found) => (RecordState::Untold, Some(found)),
+            Recovered::Nowhere(_) => (RecordState::Lost, None),
         };
-        let ended = Record {
-            by: By::Recover,
+        let ended = JournalRecord {
+            by: ChangeOrigin::Recover,
             ..intent.ended(state, found)
         };
         desk.journal(ended).await?;
@@ -88,13 +89,13 @@ pub fn recover(
 
 /// A procedure that looks for a module.
 #[must_use]
-pub fn look_up(search: Search) -> Procedure<Result<(Option<Found>, bool), Trouble>> {
+pub fn look_up(search: Search) -> Procedure<Result<(Option<Found>, bool), ProcedureError>> {
     Procedure::new(move |desk| async move { seek(&desk, &search).await })
 }
 
 /// The step as recorded in the journal: which values are the old ones, and which the new.
-fn stage_of(intent: &Record, setup: &Setup, from: Place, to: Place) -> Stage {
-    let mut stage = Stage {
+fn stage_of(intent: &JournalRecord, setup: &Setup, from: BusAddress, to: BusAddress) -> WriteStep {
+    let mut stage = WriteStep {
         // Which write it was does not matter for finding the module.
         change: Change::Address(to.address),
         before: Kept::at(from),
@@ -111,8 +112,8 @@ fn stage_of(intent: &Record, setup: &Setup, from: Place, to: Place) -> Stage {
         }
         wanted
     };
-    let filled = |wanted: Wanted, place: Place| {
-        let unknown = super::Pulse {
+    let filled = |wanted: Wanted, place: BusAddress| {
+        let unknown = super::PulseSetup {
             mask: 0,
             width: railbus_wire::PulseWidth::DEFAULT,
         };
@@ -133,8 +134,8 @@ fn stage_of(intent: &Record, setup: &Setup, from: Place, to: Place) -> Stage {
 
 /// What a module that was found shows about the change. Of the pulses only what changed is
 /// compared: the journal has no more.
-fn judge(stage: &Stage, found: Found) -> Recovered {
-    let at = |place: Place, kept: &Kept| found.place == place && settles(stage, kept, &found);
+fn judge(stage: &WriteStep, found: Found) -> Recovered {
+    let at = |place: BusAddress, kept: &Kept| found.place == place && settles(stage, kept, &found);
     if at(stage.to, &stage.after) {
         Recovered::New(found)
     } else if found.place == stage.from
@@ -153,7 +154,7 @@ fn judge(stage: &Stage, found: Found) -> Recovered {
 }
 
 /// Whether what the module reports matches these settings, as far as the change is about them.
-fn settles(stage: &Stage, kept: &Kept, found: &Found) -> bool {
+fn settles(stage: &WriteStep, kept: &Kept, found: &Found) -> bool {
     let pulse = match (stage.before.pulse, stage.after.pulse) {
         (Some(before), Some(after)) => {
             let changed = before.mask ^ after.mask;
@@ -175,8 +176,8 @@ fn settles(stage: &Stage, kept: &Kept, found: &Found) -> bool {
 }
 
 /// The likeliest places, then outwards.
-async fn seek(desk: &Desk, search: &Search) -> Result<(Option<Found>, bool), Trouble> {
-    let near: Vec<Place> = of_this(search, search.first.clone());
+async fn seek(desk: &Desk, search: &Search) -> Result<(Option<Found>, bool), ProcedureError> {
+    let near: Vec<BusAddress> = of_this(search, search.first.clone());
     let (found, mut garbled) = find(desk, &search.setup, &near, 3).await?;
     // Two modules are where it should be: there is no need to search further.
     if found.is_some() || garbled || !search.outwards {
@@ -187,7 +188,7 @@ async fn seek(desk: &Desk, search: &Search) -> Result<(Option<Found>, bool), Tro
             continue;
         }
         if desk.stopped() {
-            return Err(Trouble::Stopped);
+            return Err(ProcedureError::Stopped);
         }
         desk.tell(Progress::Looking(place)).await;
         match look(desk, &search.setup, place, Look::Again).await? {
@@ -200,23 +201,23 @@ async fn seek(desk: &Desk, search: &Search) -> Result<(Option<Found>, bool), Tro
 }
 
 /// Leaves out the places of other modules.
-fn of_this(search: &Search, mut places: Vec<Place>) -> Vec<Place> {
+fn of_this(search: &Search, mut places: Vec<BusAddress>) -> Vec<BusAddress> {
     places.retain(|place| !search.others.contains(place));
     places
 }
 
 /// Every place worth trying, nearer ones first.
-fn outwards(search: &Search) -> Vec<Place> {
+fn outwards(search: &Search) -> Vec<BusAddress> {
     let profile = search.setup.family.profile();
     let mut places = Vec::new();
-    let mut add = |place: Place| {
+    let mut add = |place: BusAddress| {
         let possible = place.setup(&search.setup).check().is_ok();
         if possible && !places.contains(&place) {
             places.push(place);
         }
     };
     let factory = Setup::factory(search.setup.family);
-    add(Place::of(&factory));
+    add(BusAddress::of(&factory));
     for near in &search.first {
         for (_, baud) in profile.bauds {
             for (_, character) in profile.characters {
@@ -225,7 +226,7 @@ fn outwards(search: &Search) -> Vec<Place> {
                         baud: *baud,
                         character: *character,
                     };
-                    add(Place {
+                    add(BusAddress {
                         address: near.address,
                         serial,
                         checksum,
@@ -235,15 +236,15 @@ fn outwards(search: &Search) -> Vec<Place> {
         }
     }
     let (low, high) = profile.addresses;
-    let nearest: Vec<Place> = search
+    let nearest: Vec<BusAddress> = search
         .first
         .iter()
         .copied()
-        .chain([Place::of(&factory)])
+        .chain([BusAddress::of(&factory)])
         .collect();
     for near in nearest {
         for address in low..=high {
-            add(Place {
+            add(BusAddress {
                 address: Address(address),
                 ..near
             });

@@ -3,7 +3,7 @@
 
 pub use railbus_device::{Access, Key};
 
-use crate::{Kept, Pulse};
+use crate::{Kept, PulseSetup};
 use railbus_device::Setup;
 use railbus_wire::{Address, Baud, Character, Micros, Protocol, PulseWidth};
 use std::collections::BTreeMap;
@@ -256,7 +256,7 @@ impl Wanted {
                 let bit = 1 << channel;
                 if *pulse { mask | bit } else { mask & !bit }
             };
-            kept.pulse = Some(Pulse {
+            kept.pulse = Some(PulseSetup {
                 mask: self.modes.iter().fold(before.mask, with),
                 width: self.width.unwrap_or(before.width),
             });
@@ -341,7 +341,7 @@ mod tests {
         assert_eq!(wanted.kept.baud, Some(Baud::B19200));
         assert_eq!(wanted.kept.checksum, Some(true));
         let wanted = parse(Family::Eda9060a, "do3.mode=pulse pulse_width=0.7s").unwrap();
-        let known = Pulse {
+        let known = PulseSetup {
             mask: 1,
             width: PulseWidth::DEFAULT,
         };

@@ -2,7 +2,7 @@
 //! stored?
 
 use super::desk::{Desk, Reply};
-use super::{Found, Kept, Place, Procedure, Progress, Pulse, Trouble};
+use super::{BusAddress, Found, Kept, Procedure, ProcedureError, Progress, PulseSetup};
 use railbus_device::{Holds, Module, Observation, Op, PulseTiming, Recognition, Setup};
 use railbus_wire::rtu::{self, Request, WordSpan};
 use railbus_wire::{Address, Decoded, Exchange, REPLY_TIMEOUT, Response, Words};
@@ -42,22 +42,26 @@ impl Look {
 
 /// A procedure that reads everything a module reports, or says why it can't be read.
 #[must_use]
-pub fn read(setup: Setup) -> Procedure<Result<Found, Trouble>> {
+pub fn read(setup: Setup) -> Procedure<Result<Found, ProcedureError>> {
     Procedure::new(move |desk| async move {
-        let place = Place::of(&setup);
+        let place = BusAddress::of(&setup);
         desk.tell(Progress::Reading(place)).await;
         first(&desk, &setup, place).await
     })
 }
 
 /// The first look: whether the module is at its place, and is the expected model.
-pub(crate) async fn first(desk: &Desk, setup: &Setup, place: Place) -> Result<Found, Trouble> {
+pub(crate) async fn first(
+    desk: &Desk,
+    setup: &Setup,
+    place: BusAddress,
+) -> Result<Found, ProcedureError> {
     match look(desk, setup, place, Look::First).await? {
-        Sight::Clear(_) if desk.heard_twice() => Err(Trouble::Garbled(place)),
+        Sight::Clear(_) if desk.heard_twice() => Err(ProcedureError::Garbled(place)),
         Sight::Clear(found) => Ok(found),
-        Sight::Wrong(told) => Err(Trouble::WrongModel(place, told)),
-        Sight::Garbled => Err(Trouble::Garbled(place)),
-        Sight::Silent => Err(Trouble::NoReply(place)),
+        Sight::Wrong(told) => Err(ProcedureError::WrongModel(place, told)),
+        Sight::Garbled => Err(ProcedureError::Garbled(place)),
+        Sight::Silent => Err(ProcedureError::NoReply(place)),
     }
 }
 
@@ -65,14 +69,14 @@ pub(crate) async fn first(desk: &Desk, setup: &Setup, place: Place) -> Result<Fo
 pub(crate) async fn first_alone(
     desk: &Desk,
     setup: &Setup,
-    place: Place,
-) -> Result<Found, Trouble> {
+    place: BusAddress,
+) -> Result<Found, ProcedureError> {
     let found = first(desk, setup, place).await?;
-    let module = Module::new(place.setup(setup)).map_err(super::Refused::Setup)?;
+    let module = Module::new(place.setup(setup)).map_err(super::NotWritable::Setup)?;
     desk.linger();
     match desk.op(&module, &Op::ReadOutputs).await? {
-        _ if desk.heard_twice() => Err(Trouble::Garbled(place)),
-        Reply::Garbled => Err(Trouble::Garbled(place)),
+        _ if desk.heard_twice() => Err(ProcedureError::Garbled(place)),
+        Reply::Garbled => Err(ProcedureError::Garbled(place)),
         Reply::Said(_) | Reply::Silent => Ok(found),
     }
 }
@@ -81,9 +85,9 @@ pub(crate) async fn first_alone(
 pub(crate) async fn look(
     desk: &Desk,
     setup: &Setup,
-    place: Place,
+    place: BusAddress,
     look: Look,
-) -> Result<Sight, Trouble> {
+) -> Result<Sight, ProcedureError> {
     let here = place.setup(setup);
     let Ok(module) = Module::new(here) else {
         return Ok(Sight::Silent);
@@ -114,7 +118,12 @@ fn name(seen: &Observation) -> Option<String> {
 }
 
 /// It identifies itself.
-async fn by_name(desk: &Desk, module: &Module, place: Place, look: Look) -> Result<Sight, Trouble> {
+async fn by_name(
+    desk: &Desk,
+    module: &Module,
+    place: BusAddress,
+    look: Look,
+) -> Result<Sight, ProcedureError> {
     if look == Look::First {
         match desk.read(module, &Op::Identify).await? {
             Reply::Said(seen) if module.recognises(&seen) && seen != Observation::Unexpected => {}
@@ -148,7 +157,7 @@ async fn by_name(desk: &Desk, module: &Module, place: Place, look: Look) -> Resu
             desk.read(module, &Op::ReadPulse).await?
     {
         // An older EDA9060 has no pulses and does not answer.
-        found.told.pulse = Some(Pulse { mask, width });
+        found.told.pulse = Some(PulseSetup { mask, width });
     }
     Ok(Sight::Clear(found))
 }
@@ -156,7 +165,7 @@ async fn by_name(desk: &Desk, module: &Module, place: Place, look: Look) -> Resu
 /// Whether the module at that place behaves as its datasheet says in all reads, and refuses what it
 /// must refuse: this tells it from a board that merely supports more. A missing reply is requested
 /// once more, and then proves nothing.
-async fn behaves(desk: &Desk, setup: &Setup, place: Place) -> Result<bool, Trouble> {
+async fn behaves(desk: &Desk, setup: &Setup, place: BusAddress) -> Result<bool, ProcedureError> {
     for sign in setup.family.signs() {
         let exchange = Exchange::rtu(place.address, sign.request);
         let mut shown = None;
@@ -185,9 +194,9 @@ async fn behaves(desk: &Desk, setup: &Setup, place: Place) -> Result<bool, Troub
 async fn by_behaviour(
     desk: &Desk,
     module: &Module,
-    place: Place,
+    place: BusAddress,
     look: Look,
-) -> Result<Sight, Trouble> {
+) -> Result<Sight, ProcedureError> {
     match desk
         .read_times(module, &Op::ReadOutputs, look.times())
         .await?
@@ -221,9 +230,9 @@ async fn by_behaviour(
 async fn by_registers(
     desk: &Desk,
     setup: &Setup,
-    place: Place,
+    place: BusAddress,
     look: Look,
-) -> Result<Sight, Trouble> {
+) -> Result<Sight, ProcedureError> {
     let count = u16::try_from(setup.registers().len()).ok();
     let Some(span) = count.and_then(|count| WordSpan::new(0, count)) else {
         return Ok(Sight::Silent);
@@ -253,7 +262,7 @@ async fn by_registers(
     Ok(last)
 }
 
-fn told_by(setup: &Setup, place: Place, words: &Words<'_>) -> Option<Found> {
+fn told_by(setup: &Setup, place: BusAddress, words: &Words<'_>) -> Option<Found> {
     let (profile, sheet) = (setup.family.profile(), setup.family.datasheet());
     let word = |holds| words.get(sheet.register(holds)?);
     let code = |holds| u8::try_from(word(holds)?).ok();
@@ -278,9 +287,9 @@ fn told_by(setup: &Setup, place: Place, words: &Words<'_>) -> Option<Found> {
 pub(crate) async fn find(
     desk: &Desk,
     setup: &Setup,
-    places: &[Place],
+    places: &[BusAddress],
     rounds: usize,
-) -> Result<(Option<Found>, bool), Trouble> {
+) -> Result<(Option<Found>, bool), ProcedureError> {
     let mut garbled = false;
     for _ in 0..rounds {
         for place in places {

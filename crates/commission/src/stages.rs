@@ -1,28 +1,28 @@
 //! Splits a change into writes, in an order in which the module can't be lost: first what leaves it
 //! at its place, then its address, then its speed, then its parity.
 
-use super::{Kept, Place};
+use super::{BusAddress, Kept};
 use railbus_device::{Change, Module, Op, Setup, SetupError};
 use railbus_wire::Protocol;
 
 /// One write, and where the module answers before and after it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Stage {
+pub struct WriteStep {
     /// The write itself.
     pub change: Change,
     /// The module's settings before it, and where they apply.
     pub before: Kept,
     /// Where it is before.
-    pub from: Place,
+    pub from: BusAddress,
     /// Its settings after it.
     pub after: Kept,
     /// Where it is after.
-    pub to: Place,
+    pub to: BusAddress,
 }
 
 /// Why settings can't be written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Refused {
+pub enum NotWritable {
     /// The model has no command for it in this protocol.
     NoCommand,
     /// No module of the model can be so.
@@ -37,10 +37,10 @@ pub enum Refused {
 /// If one of them is not possible.
 pub fn stages(
     setup: &Setup,
-    place: Place,
+    place: BusAddress,
     known: &Kept,
     wanted: &Kept,
-) -> Result<Vec<Stage>, Refused> {
+) -> Result<Vec<WriteStep>, NotWritable> {
     let ascii = setup.protocol == Protocol::Ascii;
     // Only ASCII frames carry a checksum, and only they can turn it on or off.
     let wanted = &Kept {
@@ -49,7 +49,7 @@ pub fn stages(
     };
     let target = wanted.place(place);
     let there = target.setup(setup);
-    there.check().map_err(Refused::Setup)?;
+    there.check().map_err(NotWritable::Setup)?;
     let mut changes = Vec::new();
     if let (Some(pulse), true) = (wanted.pulse, wanted.pulse != known.pulse) {
         changes.push(Change::Pulse {
@@ -61,7 +61,7 @@ pub fn stages(
         changes.push(Change::CalibrationVoltage(voltage));
     }
     changes.extend(serial(setup, place, target));
-    let mut stages: Vec<Stage> = Vec::new();
+    let mut stages: Vec<WriteStep> = Vec::new();
     for change in changes {
         let (before, from) = stages
             .last()
@@ -74,11 +74,11 @@ pub fn stages(
             after.checksum = before.checksum;
             to.checksum = from.checksum;
         }
-        let module = Module::new(from.setup(setup)).map_err(Refused::Setup)?;
+        let module = Module::new(from.setup(setup)).map_err(NotWritable::Setup)?;
         module
             .exchange(&Op::Configure(change))
-            .map_err(|_| Refused::NoCommand)?;
-        stages.push(Stage {
+            .map_err(|_| NotWritable::NoCommand)?;
+        stages.push(WriteStep {
             change,
             before,
             from,
@@ -90,7 +90,7 @@ pub fn stages(
 }
 
 /// The writes that move a module from one place to another.
-fn serial(setup: &Setup, place: Place, target: Place) -> Vec<Change> {
+fn serial(setup: &Setup, place: BusAddress, target: BusAddress) -> Vec<Change> {
     if place == target {
         return Vec::new();
     }
@@ -128,13 +128,13 @@ pub(crate) fn applied(setup: &Setup, change: Change, before: Kept) -> Kept {
         Change::Address(address) => after.address = Some(address),
         Change::Baud(baud) => after.baud = Some(baud),
         Change::Character(character) => after.character = Some(character),
-        Change::Pulse { mask, width } => after.pulse = Some(super::Pulse { mask, width }),
+        Change::Pulse { mask, width } => after.pulse = Some(super::PulseSetup { mask, width }),
         Change::CalibrationVoltage(voltage) => after.voltage = Some(voltage),
         Change::CalibrateZero | Change::CalibrateSpan => {}
         Change::Restore => {
             after = Kept {
                 voltage: setup.family.datasheet().factory.voltage,
-                ..Kept::at(Place::of(&Setup::factory(setup.family)))
+                ..Kept::at(BusAddress::of(&Setup::factory(setup.family)))
             };
         }
     }
@@ -162,7 +162,7 @@ mod tests {
                 protocol,
                 ..Setup::new(Family::Eda9050, Address(1))
             };
-            let place = Place::of(&setup);
+            let place = BusAddress::of(&setup);
             let stages = stages(&setup, place, &Kept::at(place), &wanted()).unwrap();
             assert_eq!(stages.len(), 1);
             assert_eq!(stages[0].to.address, Address(9));
@@ -173,7 +173,7 @@ mod tests {
     #[test]
     fn the_others_take_the_address_first() {
         let setup = Setup::new(Family::Erc8, Address(1));
-        let place = Place::of(&setup);
+        let place = BusAddress::of(&setup);
         let wanted = Kept {
             character: Some(Character::E1),
             ..wanted()
@@ -192,7 +192,7 @@ mod tests {
     #[test]
     fn nothing_is_written_for_what_is_so_already() {
         let setup = Setup::new(Family::Emd2a2q, Address(1));
-        let place = Place::of(&setup);
+        let place = BusAddress::of(&setup);
         let same = Kept {
             address: Some(Address(1)),
             ..Kept::default()
@@ -209,12 +209,12 @@ mod tests {
             protocol: Protocol::Lc02,
             ..Setup::new(Family::Eda9060a, Address(1))
         };
-        let place = Place::of(&setup);
+        let place = BusAddress::of(&setup);
         let wanted = Kept {
             character: Some(Character::E1),
             ..Kept::default()
         };
         let refused = stages(&setup, place, &Kept::at(place), &wanted);
-        assert_eq!(refused, Err(Refused::Setup(SetupError::Character)));
+        assert_eq!(refused, Err(NotWritable::Setup(SetupError::Character)));
     }
 }

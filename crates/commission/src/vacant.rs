@@ -1,7 +1,7 @@
 //! Checks that nothing answers at an address before a module is moved there.
 
 use super::desk::{Desk, carried};
-use super::{Neighbour, Place, Progress, Trouble};
+use super::{BusAddress, Neighbour, ProcedureError, Progress};
 use railbus_bus::LATE_MIN;
 use railbus_device::Setup;
 use railbus_wire::rtu::{BitSpan, Request};
@@ -20,7 +20,7 @@ const PATIENCE_LAST: Micros = Micros(3 * REPLY_TIMEOUT.0);
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Taken {
     /// Where.
-    pub place: Place,
+    pub place: BusAddress,
     /// In which protocol.
     pub protocol: Protocol,
     /// The reply was not valid: there may be two already.
@@ -37,13 +37,13 @@ pub(crate) async fn check(
     address: Address,
     serials: &[Settings],
     neighbours: &[Neighbour],
-) -> Result<(), Trouble> {
+) -> Result<(), ProcedureError> {
     // A neighbour may be switched off at the moment.
     let absent = neighbours.iter().find(|neighbour| {
         neighbour.protocol == setup.protocol && neighbour.place.address == address
     });
     if let Some(neighbour) = absent {
-        return Err(Trouble::Taken(Taken {
+        return Err(ProcedureError::Taken(Taken {
             place: neighbour.place,
             protocol: neighbour.protocol,
             garbled: false,
@@ -51,7 +51,7 @@ pub(crate) async fn check(
         }));
     }
     for serial in serials {
-        let place = Place {
+        let place = BusAddress {
             address,
             serial: *serial,
             checksum: false,
@@ -81,7 +81,7 @@ pub(crate) async fn check(
                 let heard = desk.exchange(&there, exchange, *patience).await?;
                 let late = !std::mem::take(&mut first) && desk.heard_late();
                 if late || !heard.is_empty() {
-                    return Err(Trouble::Taken(Taken {
+                    return Err(ProcedureError::Taken(Taken {
                         place,
                         protocol: exchange.protocol(),
                         garbled: exchange.find_response(&heard).1.whole().is_none(),
@@ -119,7 +119,7 @@ pub fn vacant(
     setup: Setup,
     address: Address,
     neighbours: Vec<Neighbour>,
-) -> super::Procedure<Result<(), Trouble>> {
+) -> super::Procedure<Result<(), ProcedureError>> {
     super::Procedure::new(move |desk| async move {
         check(&desk, &setup, address, &[setup.serial], &neighbours).await
     })

@@ -1,7 +1,7 @@
 //! The journal's file: every record is on disk before the procedure continues.
 
 use crate::durable;
-use railbus_commission::{Log, Record};
+use railbus_commission::{JournalRecord, Log};
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::os::unix::fs::OpenOptionsExt;
@@ -78,7 +78,7 @@ impl JournalFile {
     ///
     /// # Errors
     /// If the system refuses: the record may then be missing.
-    pub fn append(&mut self, record: Record) -> io::Result<()> {
+    pub fn append(&mut self, record: JournalRecord) -> io::Result<()> {
         let begin = if self.torn { "\n" } else { "" };
         // A partial failure leaves a torn line.
         self.torn = true;
@@ -133,7 +133,7 @@ fn text(mut file: &File) -> io::Result<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use railbus_commission::State;
+    use railbus_commission::RecordState;
     use railbus_device::{Family, Setup};
     use railbus_wire::Address;
     use std::os::unix::fs::PermissionsExt;
@@ -144,8 +144,8 @@ mod tests {
         folder
     }
 
-    fn record(change: u64) -> Record {
-        Record::of(
+    fn record(change: u64) -> JournalRecord {
+        JournalRecord::of(
             change,
             "main",
             "oven",
@@ -176,7 +176,9 @@ mod tests {
             (store.log().records.len(), store.log().next_change()),
             (1, 2)
         );
-        store.append(record(2).ended(State::Done, None)).unwrap();
+        store
+            .append(record(2).ended(RecordState::Done, None))
+            .unwrap();
         drop(store);
         let log = JournalFile::peek(&folder).unwrap();
         assert_eq!((log.records.len(), log.unread), (2, 1));
@@ -188,7 +190,7 @@ mod tests {
         let folder = folder("short");
         let mut store = JournalFile::open(&folder).unwrap();
         let many: String = (1..=railbus_commission::RECORDS_MAX as u64 + 1)
-            .map(|number| record(number).ended(State::Done, None).line_of_text())
+            .map(|number| record(number).ended(RecordState::Done, None).line_of_text())
             .collect();
         store.file.write_all(many.as_bytes()).unwrap();
         drop(store);

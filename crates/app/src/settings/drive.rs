@@ -3,7 +3,9 @@
 
 use super::talk::Talk;
 use jiff::Timestamp;
-use railbus_commission::{Act, Event, Log, Procedure, Progress, Question, Record, Step};
+use railbus_commission::{
+    DriverAction, Event, JournalRecord, Log, Procedure, ProcedureStep, Progress, Question,
+};
 use railbus_store::journal::JournalFile;
 use railbus_words::time;
 use std::pin::pin;
@@ -34,12 +36,12 @@ impl Journal {
 
     /// The newest record of a change.
     #[must_use]
-    pub fn last(&self, change: u64) -> Option<Record> {
+    pub fn last(&self, change: u64) -> Option<JournalRecord> {
         self.log()?.change(change).last().cloned()
     }
 
     /// Writes a record, with the time; true once it is durable. False without a journal.
-    pub async fn keep(&mut self, mut record: Record) -> bool {
+    pub async fn keep(&mut self, mut record: JournalRecord) -> bool {
         let Some(mut store) = self.0.take() else {
             return false;
         };
@@ -101,13 +103,15 @@ impl<'d, T> Drive<'d, T> {
         loop {
             let event = std::mem::replace(&mut self.event, Event::Over);
             let act = match self.procedure.next(self.talk.now(), event) {
-                Step::Do(Act::Tell(progress)) => return DriveStep::Tell(progress),
-                Step::Do(Act::Confirm(question)) => {
+                ProcedureStep::Do(DriverAction::Tell(progress)) => {
+                    return DriveStep::Tell(progress);
+                }
+                ProcedureStep::Do(DriverAction::Confirm(question)) => {
                     self.event = Event::Answer(false);
                     return DriveStep::Confirm(question);
                 }
-                Step::Do(act) => act,
-                Step::Done(end) => {
+                ProcedureStep::Do(act) => act,
+                ProcedureStep::Done(end) => {
                     self.talk.settle().await;
                     return DriveStep::Done(end);
                 }
@@ -138,15 +142,15 @@ impl<'d, T> Drive<'d, T> {
 }
 
 /// Carries out an action that needs no user.
-async fn work(talk: &mut Talk, journal: &mut Journal, act: Act) -> Event {
+async fn work(talk: &mut Talk, journal: &mut Journal, act: DriverAction) -> Event {
     match act {
-        Act::Journal(record) => Event::Kept(journal.keep(record).await),
-        Act::Ask(ask) => Event::Heard(talk.ask(&ask).await),
-        Act::Wait(time) => {
+        DriverAction::Journal(record) => Event::Kept(journal.keep(record).await),
+        DriverAction::Ask(ask) => Event::Heard(talk.ask(&ask).await),
+        DriverAction::Wait(time) => {
             let end = tokio::time::Instant::now() + Duration::from_micros(time.0);
             tokio::time::sleep_until(end).await;
             Event::Over
         }
-        Act::Tell(_) | Act::Confirm(_) => Event::Over,
+        DriverAction::Tell(_) | DriverAction::Confirm(_) => Event::Over,
     }
 }

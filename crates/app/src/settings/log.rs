@@ -5,24 +5,24 @@ use super::target::Target;
 use super::texts::SettingsText;
 use crate::failure::Failure;
 use railbus_commission::settings::Wanted;
-use railbus_commission::{Log, Record, State};
+use railbus_commission::{JournalRecord, Log, RecordState};
 use railbus_device::{Separation, Setup};
 use railbus_words::Code;
 use railbus_words::Lang;
 
 /// The state of a change, in words.
-pub fn state(log: &Log, last: &Record) -> SettingsText {
+pub fn state(log: &Log, last: &JournalRecord) -> SettingsText {
     match last.state {
-        State::Done | State::Filed if log.is_rolled_back(last.change) => {
+        RecordState::Done | RecordState::Filed if log.is_rolled_back(last.change) => {
             SettingsText::StateRolledBack
         }
-        State::Done | State::Filed => SettingsText::StateDone,
-        State::Intent => SettingsText::StateIntent,
-        State::Pending => SettingsText::StatePending,
-        State::Unchanged => SettingsText::StateUnchanged,
-        State::Elsewhere => SettingsText::StateElsewhere,
-        State::Lost => SettingsText::StateLost,
-        State::Untold => SettingsText::StateUntold,
+        RecordState::Done | RecordState::Filed => SettingsText::StateDone,
+        RecordState::Intent => SettingsText::StateIntent,
+        RecordState::Pending => SettingsText::StatePending,
+        RecordState::Unchanged => SettingsText::StateUnchanged,
+        RecordState::Elsewhere => SettingsText::StateElsewhere,
+        RecordState::Lost => SettingsText::StateLost,
+        RecordState::Untold => SettingsText::StateUntold,
     }
 }
 
@@ -33,7 +33,7 @@ pub fn state(log: &Log, last: &Record) -> SettingsText {
 pub fn taking_back(
     lang: Lang,
     log: &Log,
-    last: &Record,
+    last: &JournalRecord,
     target: &Target,
 ) -> Result<Wanted, Failure> {
     let can_not = |why: String| Failure::of(lang, Code::CantUndo).because(why);

@@ -6,7 +6,7 @@ use crate::api::config_words;
 use crate::failure::Failure;
 use crate::render::wire_words;
 use railbus_commission::settings::{Key, Wrong, range};
-use railbus_commission::{Ended, Hindrance, Place, Refused, Trouble, Why};
+use railbus_commission::{BusAddress, Ended, Hindrance, NotWritable, ProcedureError, WriteFailure};
 use railbus_device::{Refusal, SetupError};
 use railbus_words::Code;
 use railbus_words::Lang;
@@ -14,24 +14,24 @@ use std::io::ErrorKind;
 use std::path::Path;
 
 /// Why a procedure failed.
-pub fn trouble(lang: Lang, target: &Target, trouble: &Trouble) -> Failure {
+pub fn trouble(lang: Lang, target: &Target, trouble: &ProcedureError) -> Failure {
     let about = |code: Code| {
         Failure::of(lang, code)
             .because(place(
                 lang,
                 target,
-                trouble.place().unwrap_or(Place::of(&target.setup)),
+                trouble.place().unwrap_or(BusAddress::of(&target.setup)),
             ))
             .with_fact("module", target.name.as_str())
             .with_fact("line", target.line.as_str())
     };
     let failure = match trouble {
-        Trouble::NoReply(_) => about(Code::NoReply),
-        Trouble::Garbled(at) => {
+        ProcedureError::NoReply(_) => about(Code::NoReply),
+        ProcedureError::Garbled(at) => {
             let search = format!("railbus config recover --addr {}", at.address.0);
             about(Code::TwoModules).with_try(search)
         }
-        Trouble::WrongModel(_, told) => {
+        ProcedureError::WrongModel(_, told) => {
             let failure = about(Code::WrongModel);
             match told {
                 Some(name) => {
@@ -40,15 +40,15 @@ pub fn trouble(lang: Lang, target: &Target, trouble: &Trouble) -> Failure {
                 None => failure.because(lang.get(SettingsText::NotAsModel)),
             }
         }
-        Trouble::Refused(Refused::Setup(SetupError::Address(low, high))) => {
+        ProcedureError::Refused(NotWritable::Setup(SetupError::Address(low, high))) => {
             about(Code::SettingRange).because(format!("address: {low}-{high}"))
         }
-        Trouble::Refused(Refused::Setup(why)) => {
+        ProcedureError::Refused(NotWritable::Setup(why)) => {
             about(Code::SettingRange).because(config_words::setup(lang, *why))
         }
-        Trouble::Refused(Refused::NoCommand) => about(Code::SettingFixed),
-        Trouble::Refused(Refused::NotReadable) => about(Code::NotReadable),
-        Trouble::Taken(taken) => {
+        ProcedureError::Refused(NotWritable::NoCommand) => about(Code::SettingFixed),
+        ProcedureError::Refused(NotWritable::NotReadable) => about(Code::NotReadable),
+        ProcedureError::Taken(taken) => {
             let at = lang.fill(
                 SettingsText::TakenBy,
                 &[
@@ -66,10 +66,10 @@ pub fn trouble(lang: Lang, target: &Target, trouble: &Trouble) -> Failure {
                 .with_fact("module", target.name.as_str())
                 .with_fact("address", taken.place.address.0)
         }
-        Trouble::Unsafe(protocol) => about(Code::UnsafeFrame).because(protocol),
-        Trouble::Journal(_) => about(Code::Journal),
-        Trouble::Port(_) => about(Code::Unknown),
-        Trouble::Stopped => {
+        ProcedureError::Unsafe(protocol) => about(Code::UnsafeFrame).because(protocol),
+        ProcedureError::Journal(_) => about(Code::Journal),
+        ProcedureError::Port(_) => about(Code::Unknown),
+        ProcedureError::Stopped => {
             Failure::of(lang, Code::Interrupted).because(lang.get(SettingsText::NothingWritten))
         }
     };
@@ -77,7 +77,7 @@ pub fn trouble(lang: Lang, target: &Target, trouble: &Trouble) -> Failure {
 }
 
 /// `9 (09h), 19200 8N1`.
-pub fn placed(lang: Lang, place: Place) -> String {
+pub fn placed(lang: Lang, place: BusAddress) -> String {
     let comma = lang.get(crate::texts::AppText::Comma);
     let checksum = lang.get(SettingsText::WithChecksum);
     let checksum = if place.checksum {
@@ -89,7 +89,7 @@ pub fn placed(lang: Lang, place: Place) -> String {
 }
 
 /// `pump (EDA9060A, line main, 1 (01h), 9600 8N1)`.
-fn place(lang: Lang, target: &Target, at: Place) -> String {
+fn place(lang: Lang, target: &Target, at: BusAddress) -> String {
     let comma = lang.get(crate::texts::AppText::Comma);
     let protocol = target.setup.protocol;
     format!(
@@ -106,9 +106,13 @@ fn place(lang: Lang, target: &Target, at: Place) -> String {
 /// # Errors
 /// Why it did not.
 pub fn ended(lang: Lang, target: &Target, change: u64, ended: &Ended) -> Result<(), Failure> {
-    let about = |code: Code, at: Option<Place>| {
+    let about = |code: Code, at: Option<BusAddress>| {
         let failure = Failure::of(lang, code)
-            .because(place(lang, target, at.unwrap_or(Place::of(&target.setup))))
+            .because(place(
+                lang,
+                target,
+                at.unwrap_or(BusAddress::of(&target.setup)),
+            ))
             .with_fact("module", target.name.as_str())
             .with_fact("change", change);
         match at {
@@ -123,10 +127,10 @@ pub fn ended(lang: Lang, target: &Target, change: u64, ended: &Ended) -> Result<
         Ended::Untold(found) => about(Code::Untold, Some(found.place)),
         Ended::Unchanged(found, why) => {
             let code = match why {
-                Why::Refused(_) => Code::SettingRefused,
-                Why::NoPowerCycle => Code::NoPowerCycle,
-                Why::Stopped => Code::Interrupted,
-                Why::Ignored | Why::NotVerified => Code::SettingIgnored,
+                WriteFailure::Refused(_) => Code::SettingRefused,
+                WriteFailure::NoPowerCycle => Code::NoPowerCycle,
+                WriteFailure::Stopped => Code::Interrupted,
+                WriteFailure::Ignored | WriteFailure::NotVerified => Code::SettingIgnored,
             };
             because(lang, about(code, Some(found.place)), *why)
         }
@@ -148,16 +152,16 @@ pub fn ended(lang: Lang, target: &Target, change: u64, ended: &Ended) -> Result<
     Err(failure.perhaps_acted(perhaps))
 }
 
-fn because(lang: Lang, failure: Failure, why: Why) -> Failure {
+fn because(lang: Lang, failure: Failure, why: WriteFailure) -> Failure {
     match why {
-        Why::Refused(Refusal::Exception(exception)) => {
+        WriteFailure::Refused(Refusal::Exception(exception)) => {
             failure.because(wire_words::exception(lang, exception))
         }
-        Why::Refused(Refusal::Invalid) => failure.because("?AA"),
-        Why::Refused(Refusal::WatchdogTripped) => failure.because("!"),
-        Why::NotVerified => failure.because(lang.get(SettingsText::ReadsOtherwise)),
-        Why::Ignored => failure.because(lang.get(SettingsText::NotAcknowledged)),
-        Why::NoPowerCycle | Why::Stopped => failure,
+        WriteFailure::Refused(Refusal::Invalid) => failure.because("?AA"),
+        WriteFailure::Refused(Refusal::WatchdogTripped) => failure.because("!"),
+        WriteFailure::NotVerified => failure.because(lang.get(SettingsText::ReadsOtherwise)),
+        WriteFailure::Ignored => failure.because(lang.get(SettingsText::NotAcknowledged)),
+        WriteFailure::NoPowerCycle | WriteFailure::Stopped => failure,
     }
 }
 
@@ -221,7 +225,13 @@ pub fn store_failure(lang: Lang, folder: &Path, error: &std::io::Error) -> Failu
 }
 
 /// The module has moved, and the configuration file could not be updated.
-pub fn not_followed(lang: Lang, file: &Path, module: &str, place: Place, why: &str) -> Failure {
+pub fn not_followed(
+    lang: Lang,
+    file: &Path,
+    module: &str,
+    place: BusAddress,
+    why: &str,
+) -> Failure {
     let place = placed(lang, place);
     let by_hand = lang.fill(
         SettingsText::WriteByHand,

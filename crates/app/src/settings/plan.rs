@@ -3,13 +3,13 @@
 use super::target::Target;
 use super::texts::SettingsText;
 use railbus_commission::settings::{Access, Key, shown};
-use railbus_commission::{Found, Kept, Stage};
+use railbus_commission::{Found, Kept, WriteStep};
 use railbus_wire::{Frame, Protocol};
 use railbus_words::Lang;
 use railbus_words::hex;
 
 /// The frame of a write, as in the manual.
-pub fn frame(target: &Target, stage: &Stage) -> String {
+pub fn frame(target: &Target, stage: &WriteStep) -> String {
     let mut frame = Frame::new();
     if let Some(request) = target.request(stage) {
         request.encode(&mut frame);
@@ -21,7 +21,7 @@ pub fn frame(target: &Target, stage: &Stage) -> String {
 }
 
 /// What the change means for the line.
-pub fn warnings(lang: Lang, target: &Target, stages: &[Stage]) -> Vec<String> {
+pub fn warnings(lang: Lang, target: &Target, stages: &[WriteStep]) -> Vec<String> {
     let (Some(first), Some(last)) = (stages.first(), stages.last()) else {
         return Vec::new();
     };

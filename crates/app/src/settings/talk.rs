@@ -1,6 +1,6 @@
 //! A port opened exclusively: sends the requests of a procedure, and receives the replies.
 
-use railbus_commission::{Ask, Heard};
+use railbus_commission::{Heard, TimedExchange};
 use railbus_host::{AnyPort, LineName, Medium, Past, Port, PortError, SerialOptions};
 use railbus_wire::{Frame, Instant, Micros, Settings};
 use std::time::Duration;
@@ -67,7 +67,7 @@ impl Talk {
     }
 
     /// Sends the request, and receives the reply.
-    pub async fn ask(&mut self, ask: &Ask) -> Heard {
+    pub async fn ask(&mut self, ask: &TimedExchange) -> Heard {
         let lost = Heard {
             lost: true,
             ..Heard::default()

@@ -1,7 +1,9 @@
 //! A module to work on, as configured.
 
 use railbus_commission::settings::Wanted;
-use railbus_commission::{Found, Neighbour, Place, Refused, Stage, Trouble, stages};
+use railbus_commission::{
+    BusAddress, Found, Neighbour, NotWritable, ProcedureError, WriteStep, stages,
+};
 use railbus_device::{Module, Op, Setup};
 use railbus_host::LineName;
 use railbus_site::Config;
@@ -52,7 +54,7 @@ impl Target {
                 .map(|(name, other)| Neighbour {
                     name: name.clone(),
                     protocol: other.setup.protocol,
-                    place: Place::of(&other.setup),
+                    place: BusAddress::of(&other.setup),
                 })
                 .collect(),
         })
@@ -67,7 +69,7 @@ impl Target {
     }
 
     /// The values that a write sends.
-    pub fn request(&self, stage: &Stage) -> Option<Exchange<'static>> {
+    pub fn request(&self, stage: &WriteStep) -> Option<Exchange<'static>> {
         let module = Module::new(stage.from.setup(&self.setup)).ok()?;
         module.exchange(&Op::Configure(stage.change)).ok()
     }
@@ -76,9 +78,9 @@ impl Target {
     ///
     /// # Errors
     /// If the requested settings are not possible, or the present ones can't be read.
-    pub fn writes(&self, found: &Found, wanted: &Wanted) -> Result<Vec<Stage>, Trouble> {
+    pub fn writes(&self, found: &Found, wanted: &Wanted) -> Result<Vec<WriteStep>, ProcedureError> {
         let known = found.kept();
-        let kept = wanted.over(&known).ok_or(Refused::NotReadable)?;
+        let kept = wanted.over(&known).ok_or(NotWritable::NotReadable)?;
         Ok(stages(&self.setup, found.place, &known, &kept)?)
     }
 }

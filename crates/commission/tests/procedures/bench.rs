@@ -3,7 +3,8 @@
 #![allow(unreachable_pub, reason = "the files of a test see each other")]
 
 use railbus_commission::{
-    Act, Ask, Event, Heard, Log, Procedure, Progress, Question, Record, Step,
+    DriverAction, Event, Heard, JournalRecord, Log, Procedure, ProcedureStep, Progress, Question,
+    TimedExchange,
 };
 use railbus_device::{Eeprom, Family, Options, Setup};
 use railbus_sim::{Act as Touch, Faults, Input, Line, LineConfig, ModuleId, Output, Power};
@@ -134,8 +135,8 @@ impl Bench {
         self.acts = 0;
         loop {
             let act = match procedure.next(self.now, event) {
-                Step::Done(end) => return End::Done(end),
-                Step::Do(act) => act,
+                ProcedureStep::Done(end) => return End::Done(end),
+                ProcedureStep::Do(act) => act,
             };
             let here = cut.filter(|(at, _)| *at == self.acts).map(|(_, cut)| cut);
             self.acts += 1;
@@ -144,30 +145,30 @@ impl Bench {
                 return End::Died;
             }
             event = match act {
-                Act::Journal(record) => match self.journal(&record, here) {
+                DriverAction::Journal(record) => match self.journal(&record, here) {
                     Some(event) => event,
                     None => return End::Died,
                 },
-                Act::Ask(ask) => match self.ask(&ask, here) {
+                DriverAction::Ask(ask) => match self.ask(&ask, here) {
                     Some(heard) => Event::Heard(heard),
                     None => return End::Died,
                 },
-                Act::Wait(time) => {
+                DriverAction::Wait(time) => {
                     self.wait(time);
                     Event::Over
                 }
-                Act::Tell(Progress::PowerCycle(_)) if self.heeds && !self.cycled => {
+                DriverAction::Tell(Progress::PowerCycle(_)) if self.heeds && !self.cycled => {
                     self.cycled = true;
                     self.power_cycle();
                     Event::Over
                 }
-                Act::Tell(_) => Event::Over,
-                Act::Confirm(question) => Event::Answer(answer(question)),
+                DriverAction::Tell(_) => Event::Over,
+                DriverAction::Confirm(question) => Event::Answer(answer(question)),
             };
         }
     }
 
-    fn journal(&mut self, record: &Record, cut: Option<Cut>) -> Option<Event> {
+    fn journal(&mut self, record: &JournalRecord, cut: Option<Cut>) -> Option<Event> {
         let line = record.line_of_text();
         if !self.journal.is_empty() && !self.journal.ends_with('\n') {
             self.journal.push('\n');
@@ -185,7 +186,7 @@ impl Bench {
         (cut != Some(Cut::After)).then_some(Event::Kept(true))
     }
 
-    fn ask(&mut self, ask: &Ask, cut: Option<Cut>) -> Option<Heard> {
+    fn ask(&mut self, ask: &TimedExchange, cut: Option<Cut>) -> Option<Heard> {
         self.frames += 1;
         let stray = self.advance(self.now + ask.quiet, &|_| false);
         let mut frame = Frame::new();

@@ -3,8 +3,8 @@
 use crate::bench::{Bench, End};
 use railbus_commission::settings::Wanted;
 use railbus_commission::{
-    By, Ended, Job, Neighbour, Place, Recovered, Search, State, Trouble, Why, calibrate, change,
-    look_up, read, recover,
+    BusAddress, ChangeOrigin, Ended, Job, Neighbour, ProcedureError, RecordState, Recovered,
+    Search, WriteFailure, calibrate, change, look_up, read, recover,
 };
 use railbus_device::{Eeprom, Family, Options, Setup};
 use railbus_sim::{Act, Faults, Input};
@@ -18,12 +18,12 @@ fn job(setup: Setup, set: &str) -> Job {
         setup,
         wanted: Wanted::parse(&setup, set.split(' ')).unwrap(),
         neighbours: Vec::new(),
-        by: By::Set,
+        by: ChangeOrigin::Set,
         undoes: None,
     }
 }
 
-fn end(bench: &mut Bench, job: Job) -> Result<Ended, Trouble> {
+fn end(bench: &mut Bench, job: Job) -> Result<Ended, ProcedureError> {
     match bench.run(change(job), None) {
         End::Done(end) => end,
         End::Died => panic!("nobody killed it"),
@@ -58,7 +58,10 @@ fn every_family_is_read_in_every_protocol() {
                     panic!()
                 };
                 assert!(
-                    matches!(found, Err(Trouble::WrongModel(..) | Trouble::NoReply(_))),
+                    matches!(
+                        found,
+                        Err(ProcedureError::WrongModel(..) | ProcedureError::NoReply(_))
+                    ),
                     "{family} is taken for {other} in {protocol}: {found:?}"
                 );
             }
@@ -81,7 +84,10 @@ fn an_address_where_somebody_answers_is_refused() {
         let mut bench = Bench::new(&setup, Options::default());
         // The other module speaks Modbus at 30, and is in no configuration.
         let refused = end(&mut bench, job(setup, "address=30"));
-        assert!(matches!(refused, Err(Trouble::Taken(_))), "{refused:?}");
+        assert!(
+            matches!(refused, Err(ProcedureError::Taken(_))),
+            "{refused:?}"
+        );
         assert_eq!(bench.journal, "");
         assert_eq!(bench.eeprom(), Eeprom::of(&setup));
     }
@@ -122,7 +128,7 @@ fn an_address_where_somebody_answers_late_is_refused() {
                     .unwrap();
                 let refused = end(&mut bench, job(setup, "address=9"));
                 assert!(
-                    matches!(refused, Err(Trouble::Taken(_))),
+                    matches!(refused, Err(ProcedureError::Taken(_))),
                     "{protocol}, and {others} after {late} ms: {refused:?}"
                 );
                 assert_eq!(bench.journal, "");
@@ -140,13 +146,13 @@ fn the_address_of_a_module_that_is_off_is_taken() {
     let neighbour = Neighbour {
         name: "tank".to_owned(),
         protocol: other.protocol,
-        place: Place::of(&other),
+        place: BusAddress::of(&other),
     };
     let job = Job {
         neighbours: vec![neighbour],
         ..job(setup, "address=9")
     };
-    let Err(Trouble::Taken(taken)) = end(&mut bench, job) else {
+    let Err(ProcedureError::Taken(taken)) = end(&mut bench, job) else {
         panic!()
     };
     assert_eq!(taken.module.as_deref(), Some("tank"));
@@ -170,7 +176,10 @@ fn the_new_speed_is_looked_at_before_it_is_taken() {
         )
         .unwrap();
     let refused = end(&mut bench, job(setup, "baud=19200"));
-    assert!(matches!(refused, Err(Trouble::Taken(_))), "{refused:?}");
+    assert!(
+        matches!(refused, Err(ProcedureError::Taken(_))),
+        "{refused:?}"
+    );
 }
 
 #[test]
@@ -201,7 +210,9 @@ fn two_modules_on_one_address_are_not_written_to() {
             assert!(
                 matches!(
                     refused,
-                    Err(Trouble::Garbled(_) | Trouble::NoReply(_) | Trouble::WrongModel(..))
+                    Err(ProcedureError::Garbled(_)
+                        | ProcedureError::NoReply(_)
+                        | ProcedureError::WrongModel(..))
                 ),
                 "{protocol} {turnaround}: {refused:?}"
             );
@@ -217,7 +228,7 @@ fn a_module_that_does_not_hear_the_write_is_unchanged() {
     bench.line.set_module_faults(bench.module, Faults::DEAF);
     assert!(matches!(
         end(&mut bench, job(setup, "address=9")),
-        Err(Trouble::NoReply(_))
+        Err(ProcedureError::NoReply(_))
     ));
     assert_eq!(bench.journal, "");
 }
@@ -231,7 +242,7 @@ fn a_write_that_is_lost_twice_is_no_mystery() {
     bench.deaf_to = vec![1, 6];
     let ended = end(&mut bench, job(setup, "address=9")).unwrap();
     assert!(
-        matches!(ended, Ended::Unchanged(_, Why::Ignored)),
+        matches!(ended, Ended::Unchanged(_, WriteFailure::Ignored)),
         "{ended:?}"
     );
     assert!(bench.log().open().is_empty());
@@ -244,7 +255,7 @@ fn a_board_that_is_not_switched_off_keeps_its_address() {
     bench.heeds = false;
     let ended = end(&mut bench, job(setup, "address=9")).unwrap();
     assert!(
-        matches!(ended, Ended::Unchanged(_, Why::NoPowerCycle)),
+        matches!(ended, Ended::Unchanged(_, WriteFailure::NoPowerCycle)),
         "{ended:?}"
     );
     assert_eq!(bench.eeprom().address, Address(1));
@@ -255,7 +266,7 @@ fn a_board_that_is_not_switched_off_keeps_its_address() {
         .handle(bench.now, Input::Act(bench.module, Act::Dip(1)));
     let ended = end(&mut bench, job(setup, "address=9")).unwrap();
     assert!(
-        matches!(ended, Ended::Unchanged(_, Why::NoPowerCycle)),
+        matches!(ended, Ended::Unchanged(_, WriteFailure::NoPowerCycle)),
         "{ended:?}"
     );
 }
@@ -284,7 +295,7 @@ fn a_calibration_is_led_and_may_be_stopped() {
         let mut rest = answers.iter();
         let mut asked = Vec::new();
         let mut calibrating = job(setup, "address=1");
-        calibrating.by = By::Calibrate;
+        calibrating.by = ChangeOrigin::Calibrate;
         let end = bench.run_asking(calibrate(calibrating, 400), None, &mut |question| {
             asked.push(question);
             *rest.next().unwrap_or(&false)
@@ -315,23 +326,23 @@ fn a_change_that_can_not_be_finished_is_taken_back() {
     bench.deaf_to = vec![9, 6, 0, 1];
     let ended = end(&mut bench, job(setup, "address=9 baud=19200")).unwrap();
     assert!(
-        matches!(ended, Ended::RolledBack(_, Why::Ignored)),
+        matches!(ended, Ended::RolledBack(_, WriteFailure::Ignored)),
         "{ended:?}"
     );
     assert_eq!(bench.eeprom(), Eeprom::of(&setup));
-    let states: Vec<(By, State)> = bench
+    let states: Vec<(ChangeOrigin, RecordState)> = bench
         .log()
         .records
         .iter()
         .map(|record| (record.by, record.state))
         .collect();
     let all = [
-        (By::Set, State::Intent),
-        (By::Set, State::Done),
-        (By::Set, State::Intent),
-        (By::Set, State::Unchanged),
-        (By::Rollback, State::Intent),
-        (By::Rollback, State::Done),
+        (ChangeOrigin::Set, RecordState::Intent),
+        (ChangeOrigin::Set, RecordState::Done),
+        (ChangeOrigin::Set, RecordState::Intent),
+        (ChangeOrigin::Set, RecordState::Unchanged),
+        (ChangeOrigin::Rollback, RecordState::Intent),
+        (ChangeOrigin::Rollback, RecordState::Done),
     ];
     assert_eq!(states, all);
 }
@@ -346,7 +357,7 @@ fn a_lost_module_is_found_outwards() {
     let mut bench = Bench::new(&there, Options::default());
     let search = |outwards| Search {
         setup: wanted,
-        first: vec![Place::of(&wanted)],
+        first: vec![BusAddress::of(&wanted)],
         outwards,
         others: Vec::new(),
     };
@@ -357,7 +368,7 @@ fn a_lost_module_is_found_outwards() {
     let End::Done(Ok((found, _))) = bench.run(look_up(search(true)), None) else {
         panic!()
     };
-    assert_eq!(found.map(|found| found.place), Some(Place::of(&there)));
+    assert_eq!(found.map(|found| found.place), Some(BusAddress::of(&there)));
 }
 
 /// A module that speaks Modbus now also stores an ASCII checksum state, which no Modbus frame

@@ -5,8 +5,8 @@
 use crate::bench::{Bench, CUTS, Cut, End};
 use railbus_commission::settings::Wanted;
 use railbus_commission::{
-    By, Ended, Job, Place, Pulse, Record, Recovered, Spot, State, Trouble, change, recover,
-    restore_factory,
+    BusAddress, ChangeOrigin, Ended, Job, JournalRecord, ProcedureError, PulseSetup, RecordState,
+    Recovered, Spot, change, recover, restore_factory,
 };
 use railbus_device::{Applies, Eeprom, Family, Options, Setup};
 use railbus_wire::{Address, Micros, Protocol};
@@ -85,12 +85,16 @@ impl Case {
             setup,
             wanted: Wanted::parse(&setup, words).unwrap(),
             neighbours: Vec::new(),
-            by: By::Set,
+            by: ChangeOrigin::Set,
             undoes: None,
         }
     }
 
-    fn run(&self, bench: &mut Bench, cut: Option<(usize, Cut)>) -> End<Result<Ended, Trouble>> {
+    fn run(
+        &self,
+        bench: &mut Bench,
+        cut: Option<(usize, Cut)>,
+    ) -> End<Result<Ended, ProcedureError>> {
         match self.set {
             "" => bench.run(restore_factory(self.job()), cut),
             _ => bench.run(change(self.job()), cut),
@@ -99,8 +103,8 @@ impl Case {
 }
 
 /// Where a module with this EEPROM answers once it has restarted.
-fn place(eeprom: &Eeprom) -> Place {
-    Place {
+fn place(eeprom: &Eeprom) -> BusAddress {
+    BusAddress {
         address: eeprom.address,
         serial: eeprom.serial,
         checksum: eeprom.checksum,
@@ -108,7 +112,7 @@ fn place(eeprom: &Eeprom) -> Place {
 }
 
 /// Whether the EEPROM holds one side of a record: the old values, or the new ones.
-fn holds(eeprom: &Eeprom, record: &Record, setup: &Setup, new: bool) -> bool {
+fn holds(eeprom: &Eeprom, record: &JournalRecord, setup: &Setup, new: bool) -> bool {
     let side = usize::from(new);
     let spot = if new { &record.to } else { &record.from };
     let mut wanted = Wanted::default();
@@ -116,7 +120,7 @@ fn holds(eeprom: &Eeprom, record: &Record, setup: &Setup, new: bool) -> bool {
         // `calibration` is not a setting that can be written.
         let _ = wanted.set(setup, name, &values[side]);
     }
-    let pulse = Pulse {
+    let pulse = PulseSetup {
         mask: eeprom.pulse_mask,
         width: eeprom.pulse_width,
     };
@@ -143,16 +147,18 @@ fn check(bench: &Bench, before: &Eeprom, setup: &Setup, what: &str) {
         return;
     };
     let said = match last.state {
-        State::Done | State::Filed => holds(&eeprom, last, setup, true),
-        State::Unchanged => holds(&eeprom, last, setup, false),
-        State::Pending => {
+        RecordState::Done | RecordState::Filed => holds(&eeprom, last, setup, true),
+        RecordState::Unchanged => holds(&eeprom, last, setup, false),
+        RecordState::Pending => {
             let found = last.found.as_ref().and_then(Spot::place);
             found.is_some()
                 && (holds(&eeprom, last, setup, true) || holds(&eeprom, last, setup, false))
         }
-        State::Untold => holds(&eeprom, last, setup, true) || holds(&eeprom, last, setup, false),
-        State::Elsewhere => last.found.is_some(),
-        State::Intent | State::Lost => false,
+        RecordState::Untold => {
+            holds(&eeprom, last, setup, true) || holds(&eeprom, last, setup, false)
+        }
+        RecordState::Elsewhere => last.found.is_some(),
+        RecordState::Intent | RecordState::Lost => false,
     };
     assert!(
         said,
@@ -176,7 +182,11 @@ fn cut_off(case: &Case, options: Options, at: usize, cut: Cut) {
         && options.applies == Applies::AfterReply
     {
         let last = bench.log().records.last().cloned();
-        assert_eq!(last.map(|last| last.state), Some(State::Done), "{what}");
+        assert_eq!(
+            last.map(|last| last.state),
+            Some(RecordState::Done),
+            "{what}"
+        );
     }
     recovered(&mut bench, &setup, &what);
     check(&bench, &before, &setup, &what);

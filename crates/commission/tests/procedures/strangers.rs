@@ -1,13 +1,18 @@
 //! Modules that are none of the five families are not written to, whatever they are taken for.
 
 use railbus_commission::settings::Wanted;
-use railbus_commission::{Act, By, Event, Heard, Job, Step, Trouble, change};
+use railbus_commission::{
+    ChangeOrigin, DriverAction, Event, Heard, Job, ProcedureError, ProcedureStep, change,
+};
 use railbus_device::{Family, Setup};
 use railbus_wire::{Address, Frame, Instant, Micros, Protocol, crc16};
 
 /// Takes a slave for a module with that description and tries to set its address to 9; returns how
 /// that ends.
-fn configured(setup: Setup, slave: &dyn Fn(&[u8]) -> Option<Vec<u8>>) -> Result<(), Trouble> {
+fn configured(
+    setup: Setup,
+    slave: &dyn Fn(&[u8]) -> Option<Vec<u8>>,
+) -> Result<(), ProcedureError> {
     let mut procedure = change(Job {
         change: 1,
         line: "main".to_owned(),
@@ -15,19 +20,19 @@ fn configured(setup: Setup, slave: &dyn Fn(&[u8]) -> Option<Vec<u8>>) -> Result<
         setup,
         wanted: Wanted::parse(&setup, ["address=9"]).unwrap(),
         neighbours: Vec::new(),
-        by: By::Set,
+        by: ChangeOrigin::Set,
         undoes: None,
     });
     let (mut now, mut event) = (Instant(0), Event::Begin);
     loop {
         let act = match procedure.next(now, event) {
-            Step::Done(end) => return end.map(|_| ()),
-            Step::Do(act) => act,
+            ProcedureStep::Done(end) => return end.map(|_| ()),
+            ProcedureStep::Do(act) => act,
         };
         now = now + Micros::from_millis(600);
         event = match act {
-            Act::Journal(record) => panic!("it is about to be written: {record:?}"),
-            Act::Ask(ask) => {
+            DriverAction::Journal(record) => panic!("it is about to be written: {record:?}"),
+            DriverAction::Ask(ask) => {
                 let mut frame = Frame::new();
                 ask.exchange.encode(&mut frame);
                 let bytes = match frame.bytes().first() {
@@ -40,8 +45,8 @@ fn configured(setup: Setup, slave: &dyn Fn(&[u8]) -> Option<Vec<u8>>) -> Result<
                     ..Heard::default()
                 })
             }
-            Act::Wait(_) | Act::Tell(_) => Event::Over,
-            Act::Confirm(_) => Event::Answer(true),
+            DriverAction::Wait(_) | DriverAction::Tell(_) => Event::Over,
+            DriverAction::Confirm(_) => Event::Answer(true),
         };
     }
 }
@@ -127,7 +132,10 @@ fn a_stranger_is_not_written_to() {
         for (what, slave) in strangers {
             let end = configured(setup, slave);
             assert!(
-                matches!(end, Err(Trouble::WrongModel(..) | Trouble::NoReply(_))),
+                matches!(
+                    end,
+                    Err(ProcedureError::WrongModel(..) | ProcedureError::NoReply(_))
+                ),
                 "{what}, taken for {family}: {end:?}"
             );
         }

@@ -9,7 +9,7 @@ use railbus_api::settings::SettingsRun;
 use railbus_app::api::failures;
 use railbus_app::failure::Failure;
 use railbus_app::settings::outcome::{self, placed};
-use railbus_commission::{Ended, Job, Trouble, Why, change};
+use railbus_commission::{Ended, Job, ProcedureError, WriteFailure, change};
 use railbus_store::audit::End;
 use railbus_words::Code;
 
@@ -52,7 +52,7 @@ pub(super) async fn begin(
 }
 
 /// Only what was read back counts as done, and only what was never written as not tried.
-const fn audited(end: &Result<Ended, Trouble>, has_written: bool) -> End {
+const fn audited(end: &Result<Ended, ProcedureError>, has_written: bool) -> End {
     match end {
         Ok(Ended::Same(_) | Ended::Done(_)) => End::Readback,
         Ok(Ended::Pending(_)) => End::Reply,
@@ -61,7 +61,7 @@ const fn audited(end: &Result<Ended, Trouble>, has_written: bool) -> End {
         Err(_) => NOT_TRIED,
         Ok(ended) => End::Failed {
             name: match ended {
-                Ended::Unchanged(_, Why::Refused(_)) => "refused",
+                Ended::Unchanged(_, WriteFailure::Refused(_)) => "refused",
                 Ended::Unchanged(..) => "not_verified",
                 Ended::RolledBack(..) => "undone",
                 Ended::Halfway(..) => "not_undone",
@@ -141,7 +141,8 @@ impl Apply {
         let end = self.run.procedure(&mut talk, change(job)).await;
         drop(talk);
         self.audited = audited(&end, self.run.has_written);
-        let failed = |trouble: Trouble| outcome::trouble(lang, &target, &trouble).to_problem();
+        let failed =
+            |trouble: ProcedureError| outcome::trouble(lang, &target, &trouble).to_problem();
         let end = end.map_err(failed)?;
         self.found(&end);
         if let Ended::Done(found) | Ended::Halfway(found, _) = &end {

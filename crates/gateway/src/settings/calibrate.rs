@@ -11,7 +11,7 @@ use railbus_app::failure::Failure;
 use railbus_app::settings::outcome::{self, hindered};
 use railbus_app::settings::target::Target;
 use railbus_commission::settings::{Key, Wanted};
-use railbus_commission::{By, Calibrated, Hindrance, Job, Trouble, calibrate};
+use railbus_commission::{Calibrated, ChangeOrigin, Hindrance, Job, ProcedureError, calibrate};
 use railbus_store::audit::End;
 use railbus_words::Code;
 
@@ -57,7 +57,7 @@ pub(super) async fn begin(
         setup: target.setup,
         wanted: Wanted::default(),
         neighbours: target.neighbours.clone(),
-        by: By::Calibrate,
+        by: ChangeOrigin::Calibrate,
         undoes: None,
     };
     let run = SettingsRun {
@@ -89,7 +89,7 @@ pub(super) async fn begin(
 }
 
 /// The result of a calibration for the audit log: a module reports that it did it, and no more.
-fn audited(end: &Result<Calibrated, Trouble>, has_written: bool) -> End {
+fn audited(end: &Result<Calibrated, ProcedureError>, has_written: bool) -> End {
     match end {
         Ok(done) => match done.hindered {
             None => End::Reply,
@@ -140,7 +140,8 @@ impl Work {
         drop(talk);
         *told = audited(&end, self.run.has_written);
         let lang = self.wish.lang;
-        let failed = |trouble: Trouble| outcome::trouble(lang, &self.target, &trouble).to_problem();
+        let failed =
+            |trouble: ProcedureError| outcome::trouble(lang, &self.target, &trouble).to_problem();
         let done = end.map_err(failed)?;
         self.run.op.tell(|info| {
             info.done = u64::from(done.zero.is_some()) + u64::from(done.span.is_some());

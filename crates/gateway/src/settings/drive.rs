@@ -15,7 +15,7 @@ use railbus_app::settings::drive::{Drive, DriveStep, Journal};
 use railbus_app::settings::outcome::{not_followed, placed, store_failure};
 use railbus_app::settings::talk::Talk;
 use railbus_app::settings::target::Target;
-use railbus_commission::{Place, Procedure, Progress, Question, Record, State};
+use railbus_commission::{BusAddress, JournalRecord, Procedure, Progress, Question, RecordState};
 use railbus_site::Service;
 use railbus_site::config::edit;
 use railbus_store::journal::JournalFile;
@@ -136,8 +136,8 @@ impl Run {
         &mut self,
         wish: &SettingsRequest,
         who: &str,
-        place: Place,
-        last: Option<Record>,
+        place: BusAddress,
+        last: Option<JournalRecord>,
     ) -> Result<(), Problem> {
         let SettingsRequest {
             site,
@@ -148,7 +148,7 @@ impl Run {
         } = wish;
         let config = service.config();
         let known = config.modules.get(module);
-        if known.is_some_and(|known| Place::of(&known.setup) == place) {
+        if known.is_some_and(|known| BusAddress::of(&known.setup) == place) {
             return Ok(());
         }
         let asks = Asks {
@@ -170,8 +170,8 @@ impl Run {
         }
         if let Some(last) = last {
             // The file is right already: if this fails, a recovery will only confirm that.
-            let state = State::Filed;
-            self.journal.keep(Record { state, ..last }).await;
+            let state = RecordState::Filed;
+            self.journal.keep(JournalRecord { state, ..last }).await;
         }
         Ok(())
     }

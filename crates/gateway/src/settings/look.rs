@@ -4,7 +4,10 @@ use railbus_api::problem::{Problem, codes};
 use railbus_app::api::failures;
 use railbus_app::settings::outcome;
 use railbus_app::settings::target::Target;
-use railbus_commission::{Act, Ask, Event, Found, Heard, Place, Step, Trouble, read};
+use railbus_commission::{
+    BusAddress, DriverAction, Event, Found, Heard, ProcedureError, ProcedureStep, TimedExchange,
+    read,
+};
 use railbus_host::ProbeResult;
 use railbus_site::{RawTerms, Service};
 use railbus_wire::{Exchange, Instant};
@@ -19,30 +22,38 @@ const UNSENT_MAX: Duration = Duration::from_secs(10);
 pub(super) async fn look(service: &Service, lang: Lang, target: &Target) -> Result<Found, Problem> {
     let start = Moment::now();
     let now = || Instant(u64::try_from(start.elapsed().as_micros()).unwrap_or(u64::MAX));
-    let failed = |trouble: &Trouble| outcome::trouble(lang, target, trouble).to_problem();
+    let failed = |trouble: &ProcedureError| outcome::trouble(lang, target, trouble).to_problem();
     let mut procedure = read(target.setup);
     let mut event = Event::Begin;
     loop {
         event = match procedure.next(now(), event) {
-            Step::Done(end) => return end.map_err(|trouble| failed(&trouble)),
-            Step::Do(Act::Ask(ask)) => match put(service, target, &ask).await? {
+            ProcedureStep::Done(end) => return end.map_err(|trouble| failed(&trouble)),
+            ProcedureStep::Do(DriverAction::Ask(ask)) => match put(service, target, &ask).await? {
                 Some(heard) => Event::Heard(heard),
-                None => return Err(failed(&Trouble::Garbled(Place::of(&target.setup)))),
+                None => {
+                    return Err(failed(&ProcedureError::Garbled(BusAddress::of(
+                        &target.setup,
+                    ))));
+                }
             },
-            Step::Do(Act::Wait(time)) => {
+            ProcedureStep::Do(DriverAction::Wait(time)) => {
                 tokio::time::sleep_until(Moment::now() + Duration::from_micros(time.0)).await;
                 Event::Over
             }
-            Step::Do(Act::Tell(_)) => Event::Over,
+            ProcedureStep::Do(DriverAction::Tell(_)) => Event::Over,
             // Reading writes nothing, and asks nobody.
-            Step::Do(Act::Journal(_)) => Event::Kept(false),
-            Step::Do(Act::Confirm(_)) => Event::Answer(false),
+            ProcedureStep::Do(DriverAction::Journal(_)) => Event::Kept(false),
+            ProcedureStep::Do(DriverAction::Confirm(_)) => Event::Answer(false),
         };
     }
 }
 
 /// A module's answer to one request; none if two modules answer.
-async fn put(service: &Service, target: &Target, ask: &Ask) -> Result<Option<Heard>, Problem> {
+async fn put(
+    service: &Service,
+    target: &Target,
+    ask: &TimedExchange,
+) -> Result<Option<Heard>, Problem> {
     let terms = RawTerms {
         settings: Some(ask.settings),
         gap: Some(ask.quiet),

@@ -9,7 +9,9 @@ use railbus_api::settings::SettingsRun;
 use railbus_app::settings::log::{not_found, parting};
 use railbus_app::settings::outcome::{self, placed};
 use railbus_app::settings::target::Target;
-use railbus_commission::{Found, Place, Record, Recovered, Search, State, Trouble};
+use railbus_commission::{
+    BusAddress, Found, JournalRecord, ProcedureError, RecordState, Recovered, Search,
+};
 use railbus_commission::{look_up, recover};
 
 /// A search in progress.
@@ -18,7 +20,7 @@ struct Work {
     target: Target,
     who: String,
     /// The last record of a change without a known end.
-    open: Option<Record>,
+    open: Option<JournalRecord>,
     run: Run,
 }
 
@@ -67,7 +69,8 @@ impl Work {
     async fn on_line(&mut self) -> Result<(), Problem> {
         let lang = self.wish.lang;
         let end = self.search().await?;
-        let failed = |trouble: Trouble| outcome::trouble(lang, &self.target, &trouble).to_problem();
+        let failed =
+            |trouble: ProcedureError| outcome::trouble(lang, &self.target, &trouble).to_problem();
         let (word, found) = end.map_err(failed)?;
         let place = found.map(|found| placed(lang, found.place));
         let way = (word == "two").then(|| parting(&self.target.setup).0);
@@ -84,19 +87,19 @@ impl Work {
         };
         let change = self.open.as_ref().map(|record| record.change);
         let last = change.and_then(|change| self.run.journal.last(change));
-        let last = last.filter(|last| last.state == State::Done);
+        let last = last.filter(|last| last.state == RecordState::Done);
         let who = self.who.clone();
         self.run.follow(&self.wish, &who, found.place, last).await
     }
 
     /// Looks where it should be, then further out. Other modules are not mistaken for it.
-    async fn search(&mut self) -> Result<Result<Traced, Trouble>, Problem> {
+    async fn search(&mut self) -> Result<Result<Traced, ProcedureError>, Problem> {
         let target = &self.target;
         let same = |other: &&railbus_commission::Neighbour| other.protocol == target.setup.protocol;
         let others = target.neighbours.iter().filter(same);
-        let others: Vec<Place> = others.map(|other| other.place).collect();
+        let others: Vec<BusAddress> = others.map(|other| other.place).collect();
         let mut talk = open(target).await?;
-        let here = Place::of(&target.setup);
+        let here = BusAddress::of(&target.setup);
         if let Some(record) = self.open.clone() {
             let log = self.run.journal.log();
             let earlier = log.map(|log| log.places(record.change)).unwrap_or_default();

@@ -10,7 +10,7 @@ use railbus_app::api::convert;
 use railbus_app::frames::meaning;
 use railbus_app::settings::outcome;
 use railbus_app::settings::target::Target;
-use railbus_commission::{Place, Trouble};
+use railbus_commission::{BusAddress, ProcedureError};
 use railbus_device::{Module, Op, Point, PointKind, Setup};
 use railbus_host::Probed;
 use railbus_site::RawTerms;
@@ -28,7 +28,7 @@ impl SettingsRequest {
             reads.push(self.read(&target, exchange).await?);
         }
         if reads.iter().all(|read| read.bytes.is_empty()) {
-            let trouble = Trouble::NoReply(Place::of(&target.setup));
+            let trouble = ProcedureError::NoReply(BusAddress::of(&target.setup));
             return Err(outcome::trouble(self.lang, &target, &trouble).to_problem());
         }
         Ok(Registers {

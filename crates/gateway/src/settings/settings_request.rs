@@ -16,7 +16,7 @@ use railbus_app::settings::{outcome, plan};
 use railbus_commission::settings::{
     Access, Choice, Key, Wanted, choice, differences, settings, shown,
 };
-use railbus_commission::{By, Found, Log, Record, Stage};
+use railbus_commission::{ChangeOrigin, Found, JournalRecord, Log, WriteStep};
 use railbus_site::Service;
 use railbus_site::config::keeper::etag;
 use railbus_store::journal::JournalFile;
@@ -52,8 +52,8 @@ pub(super) struct Plan {
     pub(super) target: Target,
     pub(super) found: Found,
     pub(super) wanted: Wanted,
-    pub(super) stages: Vec<Stage>,
-    pub(super) by: By,
+    pub(super) stages: Vec<WriteStep>,
+    pub(super) by: ChangeOrigin,
     pub(super) undoes: Option<u64>,
 }
 
@@ -108,10 +108,10 @@ impl SettingsRequest {
     pub(super) async fn plan(&self, want: Want) -> Result<Plan, Problem> {
         let target = self.target()?;
         let (wanted, by, undoes) = match want {
-            Want::Set(keys) => (self.wanted(&target, keys)?, By::Set, None),
+            Want::Set(keys) => (self.wanted(&target, keys)?, ChangeOrigin::Set, None),
             Want::Undo(number) => {
                 let (number, wanted) = self.undoing(&target, number).await?;
-                (wanted, By::Undo, Some(number))
+                (wanted, ChangeOrigin::Undo, Some(number))
             }
         };
         let found = look(&self.service, self.lang, &target).await?;
@@ -160,7 +160,7 @@ impl SettingsRequest {
         number: Option<u64>,
     ) -> Result<(u64, Wanted), Problem> {
         let log = self.journal().await?;
-        let of_module = |record: &&Record| {
+        let of_module = |record: &&JournalRecord| {
             record.module == target.name && number.is_none_or(|number| record.change == number)
         };
         let last = log.records.iter().rev().find(of_module);
@@ -215,7 +215,7 @@ impl Plan {
     }
 
     pub(super) fn told(&self, lang: Lang) -> SettingsPlan {
-        let frame = |stage: &Stage| {
+        let frame = |stage: &WriteStep| {
             let asked = self.target.request(stage);
             SettingFrame {
                 frame: plan::frame(&self.target, stage),
@@ -274,7 +274,7 @@ fn setting(target: &Target, found: &Found, (key, access): (Key, Access)) -> Sett
     told
 }
 
-fn logged(log: &Log, last: &Record) -> LoggedChange {
+fn logged(log: &Log, last: &JournalRecord) -> LoggedChange {
     let name = |value: Value| value.as_str().unwrap_or_default().to_owned();
     let set = log.net(last.change);
     let known = set.values().all(|[old, _]| old != "?");

@@ -3,7 +3,7 @@
 
 use super::Config;
 use super::keeper::{TEXT_MAX, too_long};
-use railbus_commission::Place;
+use railbus_commission::BusAddress;
 use railbus_store::durable::{self, beside};
 use std::fmt;
 use std::fs::File;
@@ -18,7 +18,7 @@ pub const GENERATIONS: usize = 5;
 /// The text with a module's address and serial settings changed to those it answers at now. `None`
 /// if the text has no such module, or would not be a valid configuration afterwards.
 #[must_use]
-pub fn moved(text: &str, module: &str, place: Place) -> Option<String> {
+pub fn moved(text: &str, module: &str, place: BusAddress) -> Option<String> {
     let before = Config::parse(text).ok()?;
     let of_line = before.lines.get(&before.modules.get(module)?.line)?.serial;
     let mut document: DocumentMut = text.parse().ok()?;
@@ -44,7 +44,7 @@ pub fn moved(text: &str, module: &str, place: Place) -> Option<String> {
     set(table, "checksum", place.checksum.into(), place.checksum);
     let after = document.to_string();
     let read = Config::parse(&after).ok()?;
-    (Place::of(&read.modules.get(module)?.setup) == place).then_some(after)
+    (BusAddress::of(&read.modules.get(module)?.setup) == place).then_some(after)
 }
 
 /// Sets a key, keeping its comment. A key with the default value is not added.
@@ -176,12 +176,12 @@ mod tests {
         address = 1    # DIP has none\n\n[module.oven]\nline = \"main\"\nmodel = \"erc8\"\n\
         address = 0x03\n";
 
-    fn place(address: u8, baud: Baud) -> Place {
+    fn place(address: u8, baud: Baud) -> BusAddress {
         let serial = Settings {
             baud,
             character: Character::N1,
         };
-        Place {
+        BusAddress {
             address: Address(address),
             serial,
             checksum: false,

@@ -7,7 +7,7 @@ use crate::commands::Context;
 use railbus_app::config_file::text_of;
 use railbus_app::failure::Failure;
 use railbus_app::settings::outcome::{not_followed, placed};
-use railbus_commission::{Place, Record, State};
+use railbus_commission::{BusAddress, JournalRecord, RecordState};
 use railbus_site::config::edit;
 
 /// Writes where the module is now into the configuration. Nothing to do if flags describe the
@@ -16,9 +16,9 @@ pub(super) async fn follow(
     context: &Context,
     cfg: &ConfigContext,
     driver: &mut Driver<'_>,
-    record: Option<Record>,
+    record: Option<JournalRecord>,
     module: &str,
-    place: Place,
+    place: BusAddress,
 ) -> Result<(), Failure> {
     let lang = context.lang;
     let Some(file) = &cfg.file else {
@@ -27,7 +27,7 @@ pub(super) async fn follow(
         return Ok(());
     };
     let configured = cfg.config.modules.get(module);
-    if configured.is_some_and(|known| Place::of(&known.setup) == place) {
+    if configured.is_some_and(|known| BusAddress::of(&known.setup) == place) {
         return Ok(());
     }
     let failed = |why: String| not_followed(lang, file, module, place, &why);
@@ -38,8 +38,8 @@ pub(super) async fn follow(
     context.note(&lang.fill(ConfigText::Filed, &[("file", &file.display())]));
     if let Some(record) = record {
         // The file is right already: if this fails, a recovery will only confirm that.
-        let state = State::Filed;
-        driver.journal.keep(Record { state, ..record }).await;
+        let state = RecordState::Filed;
+        driver.journal.keep(JournalRecord { state, ..record }).await;
     }
     Ok(())
 }

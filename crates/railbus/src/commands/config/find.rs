@@ -5,7 +5,7 @@ use crate::commands::Context;
 use railbus_app::failure::Failure;
 use railbus_app::settings::outcome;
 use railbus_app::settings::target::Target;
-use railbus_commission::{Found, Place, Search, Trouble, look_up, read};
+use railbus_commission::{BusAddress, Found, ProcedureError, Search, look_up, read};
 use railbus_device::Setup;
 
 /// The result of a search.
@@ -22,19 +22,23 @@ pub(super) async fn locate(
     context: &Context,
     driver: &mut Driver<'_>,
     target: &Target,
-    likely: &[Place],
+    likely: &[BusAddress],
 ) -> Result<Located, Failure> {
-    let failed = |trouble: &Trouble| outcome::trouble(context.lang, target, trouble);
+    let failed = |trouble: &ProcedureError| outcome::trouble(context.lang, target, trouble);
     match driver.run(read(target.setup)).await {
         Ok(found) => return Ok(Located::Here(found)),
-        Err(Trouble::NoReply(_)) => {}
+        Err(ProcedureError::NoReply(_)) => {}
         Err(trouble) => return Err(failed(&trouble)),
     }
     let fresh = Setup {
         protocol: target.setup.protocol,
         ..Setup::factory(target.setup.family)
     };
-    let places: Vec<Place> = likely.iter().copied().chain([Place::of(&fresh)]).collect();
+    let places: Vec<BusAddress> = likely
+        .iter()
+        .copied()
+        .chain([BusAddress::of(&fresh)])
+        .collect();
     let others = target
         .neighbours
         .iter()
@@ -59,7 +63,7 @@ pub(super) async fn locate(
                 .map_err(|trouble| failed(&trouble))?;
             Ok(Located::Here(found))
         }
-        None if garbled => Err(failed(&Trouble::Garbled(Place::of(&fresh)))),
+        None if garbled => Err(failed(&ProcedureError::Garbled(BusAddress::of(&fresh)))),
         None => Ok(Located::Missing),
     }
 }

@@ -16,7 +16,9 @@ use railbus_app::settings::outcome;
 use railbus_app::settings::outcome::hindered;
 use railbus_app::settings::target::Target;
 use railbus_commission::settings::{Key, Wanted, Wrong, range};
-use railbus_commission::{By, Calibrated, Ended, Job, calibrate as calibration, restore_factory};
+use railbus_commission::{
+    Calibrated, ChangeOrigin, Ended, Job, calibrate as calibration, restore_factory,
+};
 use railbus_wire::Settings;
 use railbus_words::Code;
 use railbus_words::Lang;
@@ -65,7 +67,7 @@ fn prepare(
     context: &Context,
     cfg: &ConfigContext,
     matches: &ArgMatches,
-    by: By,
+    by: ChangeOrigin,
 ) -> Result<(Target, Job), Failure> {
     let names = words(matches, "MODULE");
     let target = cfg.target(context, names.first().map_or("", String::as_str))?;
@@ -93,7 +95,7 @@ fn prepare(
 pub(super) fn calibrate(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
     let cfg = ConfigContext::of(&context, matches)?;
-    let (target, job) = prepare(&context, &cfg, matches, By::Calibrate)?;
+    let (target, job) = prepare(&context, &cfg, matches, ChangeOrigin::Calibrate)?;
     let text = matches
         .get_one::<String>("voltage")
         .map_or("5.00V", String::as_str);
@@ -164,7 +166,7 @@ fn show(context: &Context, target: &Target, number: u64, done: &Calibrated) -> R
 pub(super) fn factory(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
     let cfg = ConfigContext::of(&context, matches)?;
-    let (target, job) = prepare(&context, &cfg, matches, By::Factory)?;
+    let (target, job) = prepare(&context, &cfg, matches, ChangeOrigin::Factory)?;
     let changed = context.block(async {
         let mut driver = Driver::open(&context, &target, Some(cfg.store(&context)?)).await?;
         context.note(&lang.fill(ConfigText::FactoryWarning, &[("module", &target.name)]));
@@ -173,7 +175,8 @@ pub(super) fn factory(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
             return Err(Failure::of(lang, Code::NotConfirmed));
         }
         let number = driver.journal.next_change();
-        let before = railbus_commission::Kept::at(railbus_commission::Place::of(&target.setup));
+        let before =
+            railbus_commission::Kept::at(railbus_commission::BusAddress::of(&target.setup));
         set::follows_port(&context, &target, &driver, Settings::FACTORY)?;
         let end = driver
             .run(restore_factory(Job {

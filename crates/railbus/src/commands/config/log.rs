@@ -18,7 +18,8 @@ use railbus_app::settings::log::{not_found, state, taking_back};
 use railbus_app::settings::outcome::{self, placed};
 use railbus_app::settings::target::Target;
 use railbus_commission::{
-    By, Found, Log, Place, Record, Recovered, Search, State, look_up, recover as recovery,
+    BusAddress, ChangeOrigin, Found, JournalRecord, Log, RecordState, Recovered, Search, look_up,
+    recover as recovery,
 };
 use railbus_wire::Address;
 use railbus_words::Code;
@@ -117,7 +118,7 @@ pub(super) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     out::result(lang, &records.render(context.format))
 }
 
-fn row(log: &Log, last: &Record, set: &BTreeMap<String, [String; 2]>) -> Value {
+fn row(log: &Log, last: &JournalRecord, set: &BTreeMap<String, [String; 2]>) -> Value {
     let steps: Vec<Value> = log
         .change(last.change)
         .map(|record| serde_json::to_value(record).unwrap_or_default())
@@ -150,7 +151,7 @@ pub(super) fn undo(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let wanted = taking_back(lang, &log, last, &target)?;
     let terms = Terms {
         undoes: Some(number),
-        ..Terms::of(matches, By::Undo)
+        ..Terms::of(matches, ChangeOrigin::Undo)
     };
     let end = context.block(set::carry_out(&context, &cfg, &target, wanted, &terms))?;
     tell(&context, end.into_iter().collect())
@@ -158,7 +159,11 @@ pub(super) fn undo(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
 
 /// The module of a record, as the configuration has it; if flags describe it, where the record has
 /// it.
-fn target_of(context: &Context, cfg: &ConfigContext, record: &Record) -> Result<Target, Failure> {
+fn target_of(
+    context: &Context,
+    cfg: &ConfigContext,
+    record: &JournalRecord,
+) -> Result<Target, Failure> {
     let mut target = cfg.target(context, &record.module)?;
     if cfg.file.is_none()
         && let Some(place) = record.found.as_ref().unwrap_or(&record.to).place()
@@ -177,7 +182,7 @@ pub(super) fn recover(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let results = context.block(async {
         let mut results = Vec::new();
         let store = cfg.store(&context)?;
-        let open: Vec<Record> = store.log().open().into_iter().cloned().collect();
+        let open: Vec<JournalRecord> = store.log().open().into_iter().cloned().collect();
         let behind = behind(&cfg, store.log());
         drop(store);
         let mut wanted: Vec<String> = names.clone();
@@ -238,7 +243,7 @@ fn behind(cfg: &ConfigContext, log: &Log) -> Vec<String> {
     let modules = cfg.config.modules.iter();
     let moved = modules.filter(|(name, module)| {
         let known = log.unfiled(name);
-        known.is_some_and(|place| place != Place::of(&module.setup))
+        known.is_some_and(|place| place != BusAddress::of(&module.setup))
     });
     moved.map(|(name, _)| name.clone()).collect()
 }
@@ -255,7 +260,7 @@ struct Traced {
 async fn one_open(
     context: &Context,
     cfg: &ConfigContext,
-    record: &Record,
+    record: &JournalRecord,
 ) -> Result<Traced, Failure> {
     let target = target_of(context, cfg, record)?;
     let mut driver = Driver::open(context, &target, Some(cfg.store(context)?)).await?;
@@ -263,7 +268,7 @@ async fn one_open(
         .neighbours
         .iter()
         .filter(|other| other.protocol == target.setup.protocol);
-    let others: Vec<Place> = others.map(|other| other.place).collect();
+    let others: Vec<BusAddress> = others.map(|other| other.place).collect();
     let log = driver.journal.log();
     let earlier = log.map(|log| log.places(record.change)).unwrap_or_default();
     let work = recovery(record.clone(), earlier, target.setup, true, others);
@@ -280,7 +285,7 @@ async fn one_open(
     };
     if let Some(found) = &found {
         let last = driver.journal.last(record.change);
-        let last = last.filter(|last| last.state == State::Done);
+        let last = last.filter(|last| last.state == RecordState::Done);
         file::follow(context, cfg, &mut driver, last, &target.name, found.place).await?;
     }
     Ok(Traced {
@@ -300,7 +305,7 @@ async fn one_named(context: &Context, cfg: &ConfigContext, name: &str) -> Result
         .iter()
         .filter(|other| other.protocol == target.setup.protocol);
     let known = driver.journal.log().and_then(|log| log.unfiled(name));
-    let here = Place::of(&target.setup);
+    let here = BusAddress::of(&target.setup);
     let search = Search {
         setup: target.setup,
         first: [here].into_iter().chain(known).collect(),
@@ -315,7 +320,9 @@ async fn one_named(context: &Context, cfg: &ConfigContext, name: &str) -> Result
     }
     let lang = context.lang;
     let told = match found {
-        Some(found) if found.place == Place::of(&target.setup) => lang.get(ConfigText::InPlace),
+        Some(found) if found.place == BusAddress::of(&target.setup) => {
+            lang.get(ConfigText::InPlace)
+        }
         Some(_) => lang.get(ConfigText::FoundElsewhere),
         None => lang.get(SettingsText::StateLost),
     };

@@ -16,7 +16,7 @@ use railbus_app::render::{Format, out};
 use railbus_app::settings::outcome::placed;
 use railbus_app::settings::target::Target;
 use railbus_commission::settings::{Key, Wanted, differences};
-use railbus_commission::{By, Found, Kept, Place};
+use railbus_commission::{BusAddress, ChangeOrigin, Found, Kept};
 use railbus_device::Setup;
 use railbus_words::Code;
 use railbus_words::Lang;
@@ -93,7 +93,7 @@ impl Entry {
 /// The settings that the configuration wants a module to have: its place and its settings table.
 fn desired(cfg: &ConfigContext, target: &Target) -> Wanted {
     let setup: &Setup = &target.setup;
-    let place = Kept::at(Place::of(setup));
+    let place = Kept::at(BusAddress::of(setup));
     let settings = cfg
         .config
         .modules
@@ -169,7 +169,7 @@ fn show(context: &Context, entries: &[Entry]) -> Result<(), Failure> {
     let mut rows = Vec::new();
     for entry in entries {
         let name = entry.target.name.clone();
-        let missing = placed(context.lang, Place::of(&entry.target.setup));
+        let missing = placed(context.lang, BusAddress::of(&entry.target.setup));
         match &entry.found {
             Err(failure) => table.add([
                 "!".to_owned(),
@@ -268,7 +268,7 @@ pub(crate) fn apply(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
     let cfg = ConfigContext::of(&context, matches)?;
     let targets = by_line(cfg.targets(&context, &super::show::words(matches, "only"))?);
-    let terms = Terms::of(matches, By::Apply);
+    let terms = Terms::of(matches, ChangeOrigin::Apply);
     let (report, failed) = context.block(async {
         let mut entries = survey(&context, &cfg, targets).await?;
         show(&context, &entries)?;

@@ -18,7 +18,7 @@ use railbus_app::render::table::Table;
 use railbus_app::settings::outcome;
 use railbus_app::settings::target::Target;
 use railbus_commission::settings::{Wanted, key};
-use railbus_commission::{By, Place};
+use railbus_commission::{BusAddress, ChangeOrigin};
 use railbus_words::Code;
 use railbus_words::Lang;
 use serde_json::json;
@@ -171,7 +171,7 @@ pub(super) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let cfg = ConfigContext::of(&context, matches)?;
     let backup = backup(&context, &cfg, matches)?;
     let pairs = pairs(&context, &cfg, matches, &backup)?;
-    let terms = Terms::of(matches, By::Restore);
+    let terms = Terms::of(matches, ChangeOrigin::Restore);
     if !terms.dry && !terms.yes {
         must_ask(&context)?;
     }
@@ -210,7 +210,7 @@ async fn restore_one(
         Some(cfg.store(context)?)
     };
     let mut driver = Driver::open(context, target, store).await?;
-    let likely = [wanted.kept.place(Place::of(&target.setup))];
+    let likely = [wanted.kept.place(BusAddress::of(&target.setup))];
     match locate(context, &mut driver, target, &likely).await? {
         Located::Here(found) => {
             change_at(

@@ -17,7 +17,9 @@ use railbus_app::settings::outcome::{self, placed};
 use railbus_app::settings::plan::{frame, warnings};
 use railbus_app::settings::target::Target;
 use railbus_commission::settings::{Key, Wanted, differences, key};
-use railbus_commission::{By, Ended, Found, Job, Kept, Stage, Trouble, change, read};
+use railbus_commission::{
+    ChangeOrigin, Ended, Found, Job, Kept, ProcedureError, WriteStep, change, read,
+};
 use railbus_wire::Settings;
 use railbus_words::Code;
 use railbus_words::Lang;
@@ -61,7 +63,7 @@ pub(super) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
     let cfg = ConfigContext::of(&context, matches)?;
     let given = words(matches, "SETTING");
-    let terms = Terms::of(matches, By::Set);
+    let terms = Terms::of(matches, ChangeOrigin::Set);
     let (targets, pairs) = match given.split_first() {
         Some((name, pairs)) if !name.contains('=') => (vec![cfg.target(&context, name)?], pairs),
         // Flags describe a single module.
@@ -128,12 +130,12 @@ fn whole_line(
 pub(super) struct Terms {
     pub(super) yes: bool,
     pub(super) dry: bool,
-    pub(super) by: By,
+    pub(super) by: ChangeOrigin,
     pub(super) undoes: Option<u64>,
 }
 
 impl Terms {
-    pub(super) fn of(matches: &ArgMatches, by: By) -> Terms {
+    pub(super) fn of(matches: &ArgMatches, by: ChangeOrigin) -> Terms {
         Terms {
             yes: matches.get_flag("yes"),
             dry: matches.get_flag("dry-run"),
@@ -178,7 +180,7 @@ pub(super) async fn change_one(
     wanted: Wanted,
     terms: &Terms,
 ) -> Result<Option<Changed>, Failure> {
-    let failed = |trouble: &Trouble| outcome::trouble(context.lang, target, trouble);
+    let failed = |trouble: &ProcedureError| outcome::trouble(context.lang, target, trouble);
     let found = driver
         .run(read(target.setup))
         .await
@@ -197,7 +199,7 @@ pub(super) async fn change_at(
     terms: &Terms,
 ) -> Result<Option<Changed>, Failure> {
     let target = &target.found(&found);
-    let failed = |trouble: &Trouble| outcome::trouble(context.lang, target, trouble);
+    let failed = |trouble: &ProcedureError| outcome::trouble(context.lang, target, trouble);
     let planned = target.writes(&found, &wanted);
     let planned = planned.map_err(|trouble| failed(&trouble))?;
     for stage in &planned {
@@ -306,7 +308,7 @@ fn show(
     context: &Context,
     target: &Target,
     found: &Found,
-    stages: &[Stage],
+    stages: &[WriteStep],
     dry: bool,
 ) -> Result<(), Failure> {
     let lang = context.lang;
