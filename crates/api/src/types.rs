@@ -539,7 +539,7 @@ pub enum Timekeeper {
     Host,
 }
 
-/// The start of a pulse. One timed by the host ends later, whether or not anybody waits for it.
+/// The start of a pulse. One timed by the host ends later, whether or not a client waits for it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Pulsed {
     /// The state during the pulse.

@@ -93,7 +93,7 @@ impl Socket {
                 lang.of(foreign),
             ));
         }
-        // It gets its name once its mode is right: nobody else can open it in between.
+        // It gets its name once its mode is right: other users can't open it in between.
         let draft = path.with_extension(format!("{}.new", std::process::id()));
         let _ = std::fs::remove_file(&draft);
         let listener = UnixListener::bind(&draft)?;

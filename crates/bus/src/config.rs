@@ -32,8 +32,8 @@ pub enum Past {
     /// Nothing: replies to their recent requests may still arrive.
     #[default]
     Unknown,
-    /// Nobody has sent anything recently: there is no need to wait for late replies, nor for the
-    /// silence before a request.
+    /// The line was idle recently: there is no need to wait for late replies, nor for the silence
+    /// before a request.
     Rested,
     /// The previous user was killed while a reply might still come.
     Abandoned,

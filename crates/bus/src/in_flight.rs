@@ -116,7 +116,7 @@ impl InFlight {
     }
 }
 
-/// A raw exchange between those of the line: a read of a scan, or a frame that somebody composed.
+/// A raw exchange between those of the line: a read of a scan, or a raw frame of a user.
 /// It is sent at most once, and its reply is not interpreted here.
 #[derive(Clone, Copy, Debug)]
 pub struct Probe {

@@ -1,6 +1,6 @@
-//! The line master: one half-duplex line as a state machine. It tells the truth about its modules:
-//! a late reply is never taken for another, "done" means that the module said so, and a command
-//! that may or may not have acted is reported as such.
+//! The line master: one half-duplex line as a state machine. It reports nothing untrue
+//! about its modules: a late reply is never taken for another, "done" means that the module said
+//! so, and a command that may or may not have acted is reported as such.
 //!
 //! The driver passes in what happens ([`Bus::handle`]) and then drains [`Bus::poll`] until it
 //! returns [`Output::Wait`]; each `Wait` replaces the previous deadline. The crate uses no clock
@@ -116,7 +116,7 @@ pub struct Bus {
     settings: Settings,
     /// When the line was last busy: a received character, or the end of what was sent.
     busy_until: Instant,
-    /// Nobody had sent anything recently when it was opened, nor since.
+    /// The line was idle when it was opened, and has been since.
     at_rest: bool,
     /// What is known of earlier users of the port, as long as it matters.
     past: Past,

@@ -226,7 +226,7 @@ impl Bus {
         });
     }
 
-    /// Tells the waiting commands which outputs of their module give pulses, as far as it has said.
+    /// Passes the pulse settings of a module to its waiting commands, as far as they are known.
     pub(crate) fn publish_pulses(&mut self, module: ModuleId) {
         let pulses = self.modules.get(module.0).and_then(ModuleState::pulses);
         end_commands(&mut self.commands, &mut self.events, self.now, |command| {

@@ -176,8 +176,8 @@ fn eda_modules_get_5_ms_of_silence() {
     assert_eq!(gap(setup(Family::Eda9050, Protocol::Lc02)), millis(5));
 }
 
-/// [ERC-8 §1.6] At least 20 ms of silence before every frame, whoever the traffic before it was
-/// for.
+/// [ERC-8 §1.6] At least 20 ms of silence before every frame, whichever module the traffic before
+/// it was for.
 #[test]
 fn erc8_gets_20_ms_of_silence() {
     assert_eq!(gap(setup(Family::Erc8, Protocol::Rtu)), millis(20));

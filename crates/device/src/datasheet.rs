@@ -29,7 +29,7 @@ pub struct Datasheet {
     pub refuses: bool,
     /// What a scan can say of a module apart from its model.
     pub evidence: ScanEvidence,
-    /// How many channels a module has differs, and no reply tells it: it is configured.
+    /// The number of channels varies, and no reply reports it: it is configured.
     pub channels_vary: bool,
     /// The address, among its range, that all modules obey, so that none can have it.
     pub broadcast: Option<Address>,
@@ -139,7 +139,7 @@ pub enum Recognition {
 /// What a scan can say of a module apart from its model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ScanEvidence {
-    /// How many channels it has: its model tells.
+    /// How many channels it has, which follows from its model.
     Channels,
     /// That it has coils where only its family has them.
     Coils,

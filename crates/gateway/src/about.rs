@@ -69,7 +69,7 @@ async fn system(State(site): State<Site>) -> Answer {
     }))
 }
 
-/// `GET /site`: commands compare it with the configuration that they find, so that nobody switches
+/// `GET /site`: commands compare it with the configuration that they find, so as not to switch
 /// outputs of the wrong site.
 async fn site(State(site): State<Site>) -> Answer {
     let text = |path: &std::path::Path| config_file::real(path).display().to_string();

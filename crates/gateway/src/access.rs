@@ -57,7 +57,7 @@ impl ToSchema for RoleSchema {
 /// The permission that a route requires.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Need {
-    /// None: it is open to anybody.
+    /// None: it is public.
     Nothing,
     /// At least this role.
     Role(Role),
@@ -73,10 +73,10 @@ impl Need {
 }
 
 /// What a route means for callers that are limited to some points. The default for one that changes
-/// anything is closed: a route that was forgotten lets nobody through.
+/// anything is closed: a forgotten route denies all of them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Reach {
-    /// The same as for everybody: it only reads, or concerns the caller alone.
+    /// The same as for all others: it only reads, or concerns the caller alone.
     Harmless,
     /// Its handler checks each output, or each point, against the caller's rights.
     Points,
@@ -118,7 +118,7 @@ pub(super) enum Known {
 pub(super) struct Caller {
     /// The name for logs.
     pub(super) name: String,
-    /// Distinguishes accounts of the same name: a name that is used again belongs to somebody else.
+    /// Distinguishes accounts of the same name: a name that is reused is another account.
     pub(super) id: String,
     /// None if not authenticated.
     pub(super) role: Option<Role>,

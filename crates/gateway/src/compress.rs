@@ -15,7 +15,7 @@ use std::io::Write;
 
 /// Shorter ones fit into a packet as they are.
 const LEN_MIN: u64 = 1_024;
-/// Longer ones would take too long: lines wait meanwhile.
+/// Longer ones would take too long, and block the lines for that time.
 const LEN_MAX: u64 = 1 << 20;
 
 /// Compresses a response that is complete. Streams are sent as they are.

@@ -32,7 +32,7 @@ mod tests {
     fn it_comes_while_the_rest_hangs() {
         let (sender, cut_off) = mpsc::channel();
         after(Duration::from_millis(20), move || sender.send(()).unwrap());
-        // Nothing else runs meanwhile.
+        // This thread does nothing else.
         assert!(cut_off.recv().is_ok());
     }
 }

@@ -1,5 +1,5 @@
-//! The traffic of a line as JSON lines. The line is not affected, and while nobody is watching, it
-//! does no work for this.
+//! The traffic of a line as JSON lines. The line is not affected, and without subscribers it does
+//! no work for this.
 
 use super::access::Caller;
 use super::answer;

@@ -106,7 +106,7 @@ impl Front {
     }
 
     /// Whether `host` or `host:port` is this daemon. Unlike a name, an address can't be made to
-    /// point here by somebody else.
+    /// point here by a third party.
     fn is_here(&self, host: &str) -> bool {
         let usual = if self.is_tls { 443 } else { 80 };
         let (name, named) = match host.rsplit_once(':') {

@@ -1,5 +1,5 @@
-//! Whether the guide tells of every route, in both languages: who may use it, what it takes, and an
-//! example. The examples themselves are tried by `crates/railbus/tests/guide.rs`.
+//! Whether the guide documents every route, in both languages: required role, parameters, and an
+//! example. The examples themselves are tested by `crates/railbus/tests/guide.rs`.
 
 use super::access::{Need, Role};
 use super::doc::{Doc, Shapes};

@@ -41,8 +41,8 @@ const LINGER: Duration = Duration::from_millis(600);
 /// The slot of a connection, released when it ends.
 type Place = (Arc<Seat>, Option<OfAddress>);
 
-/// Limits connections. When it is full, the one is closed that has been waiting for its client for
-/// longest: slow or idle clients keep nobody out.
+/// Limits connections. At the limit, the connection is closed that has waited longest for its
+/// client: slow or idle clients do not lock others out.
 #[derive(Clone, Debug)]
 pub(super) struct ConnectionLimit {
     places: Arc<Semaphore>,

@@ -87,7 +87,7 @@ pub(super) fn router(site: Site, front: Option<Arc<Front>>) -> Router {
 /// All routes and their handlers, each behind its permission check: the caller must be known by
 /// then.
 pub(super) fn handlers(site: Site, is_owners: bool) -> Router {
-    // Routes for the daemon's own user do not exist for anybody else.
+    // Routes for the daemon's own user do not exist for others.
     let is_there = |route: &&Route| route.need != Need::Owner || is_owners;
     let add = |router: Router<Site>, route: &Route| {
         let handler = match route.method == "GET" && !route.is_secret {

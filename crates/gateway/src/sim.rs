@@ -237,8 +237,7 @@ fn ended() -> Problem {
     Problem::new(codes::INTERNAL).with("reason", "the simulated line has ended")
 }
 
-/// Records an event, so that somebody who wonders later why a module fell silent finds out who did
-/// it.
+/// Records an event, so that the history shows later who caused a module to fall silent.
 fn tell(order: &Order, line: &str, module: Option<&str>, words: &[String]) {
     if words.is_empty() {
         return;

@@ -145,7 +145,7 @@ impl Out {
         self.tell("dropped", "n", &json(&count)).await
     }
 
-    /// Tells what is JSON already.
+    /// Sends data that is JSON already.
     async fn tell(&mut self, kind: &str, key: &str, data: &str) -> Result<(), Gone> {
         let topic = json(&self.topic);
         let seq = self.seq;

@@ -17,7 +17,7 @@ use std::task::{Context, Poll, ready};
 use std::time;
 use tokio::io::unix::AsyncFd;
 
-/// Microseconds since the line was started. A copyable handle for whoever needs the line's time.
+/// Microseconds since the line was started. A copyable handle to the line's time.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Clock {
     origin: time::Instant,

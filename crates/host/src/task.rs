@@ -528,7 +528,7 @@ impl Job {
 }
 
 /// Waits for something while there is no port: modules can change, other jobs are refused. If the
-/// line is closed meanwhile, the error says by whom.
+/// line is closed before that, the error says by whom.
 async fn without_port<T>(
     (jobs, publisher): (&mut mpsc::Receiver<Job>, &mut Publisher),
     mut change: impl FnMut(ModuleChanges),

@@ -8,8 +8,8 @@
 //! only 100,000 still lasts nearly four. Flash of two 4 KiB sectors, which hold 32 slots each, is
 //! erased 822 times a sector in that year.
 //!
-//! The count restarts at each power-up: whoever can switch the power on and off can also wear out
-//! the relays.
+//! The count restarts at each power-up: a user who can switch the power on and off can also wear
+//! out the relays.
 
 use railbus_wire::{Instant, Micros};
 

@@ -80,7 +80,7 @@ fn run(
         let pty = Pty::open(path)
             .map_err(|error| error.into_failure(lang, path, "railbus serve --demo"))?;
         let line = demo_line(stage, pty, None, None, Some(jobs));
-        // Fails if nobody waits any more; then the line ends at once.
+        // Fails if the caller is gone; then the line ends at once.
         let _ = ready.send(Ok(()));
         let stop = async {
             let _ = stopped.await;

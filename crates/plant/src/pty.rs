@@ -104,7 +104,7 @@ impl Pty {
     }
 
     /// Sends to the client, if there is one. What does not fit is lost, as with any serial port
-    /// that nobody reads.
+    /// that is not read.
     pub(super) fn send(&mut self, bytes: &[u8]) {
         // The client may have come just now.
         self.count_clients();
@@ -128,7 +128,7 @@ impl Pty {
                 self.clients = self.clients.saturating_sub(1);
                 if self.clients == 0 {
                     // A killed client leaves the port in exclusive mode; a real port is released
-                    // once nobody has it open.
+                    // once no process has it open.
                     let _ = ioctl_tiocnxcl(&self.slave);
                 }
             }

@@ -134,7 +134,7 @@ impl Emulator {
     }
 
     /// Returns a function that tells the speed of the board's UART, for as long as it has power.
-    /// QEMU's UART understands every speed; whoever joins boards to a line must filter by speed.
+    /// QEMU's UART understands every speed; a line of several boards must filter by speed.
     ///
     /// A reply is sent at the speed of its request: when it arrives here, the board may already
     /// have changed its speed.

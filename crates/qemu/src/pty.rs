@@ -39,7 +39,7 @@ pub struct Pty {
     heard: Arc<AtomicUsize>,
 }
 
-/// Whoever waits for the mark.
+/// The waiter for the mark.
 type Waiting = Arc<Mutex<Option<Sender<()>>>>;
 
 impl Pty {

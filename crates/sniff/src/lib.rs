@@ -11,11 +11,11 @@
 //!
 //! let mut listener = Listener::new(Settings::FACTORY);
 //! listener.handle(Instant(20_000), Input::Bytes(b"$016\r!030200\r"));
-//! let mut told = Vec::new();
+//! let mut frames = Vec::new();
 //! while let Output::Heard(Heard::Frame(frame)) = listener.poll() {
-//!     told.push(frame.bytes);
+//!     frames.push(frame.bytes);
 //! }
-//! assert_eq!(told, [b"$016\r".to_vec(), b"!030200\r".to_vec()]);
+//! assert_eq!(frames, [b"$016\r".to_vec(), b"!030200\r".to_vec()]);
 //! ```
 
 #![forbid(unsafe_code)]

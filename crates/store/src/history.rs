@@ -101,7 +101,7 @@ pub struct History {
     jobs: SyncSender<Job>,
     counters: Arc<Counters>,
     readers: Arc<Readers>,
-    /// The writer's notices, until somebody takes them.
+    /// The writer's notices, until they are taken.
     notices: Arc<Mutex<Option<mpsc::Receiver<Event>>>>,
 }
 
@@ -172,7 +172,7 @@ impl History {
         }
     }
 
-    /// Stores that somebody has acknowledged an event; false if there is no such event.
+    /// Stores the acknowledgement of an event; false if there is no such event.
     ///
     /// # Errors
     /// [`HistoryError`].

@@ -26,7 +26,7 @@ impl JournalFile {
     /// Opens the journal in a folder, which is created if necessary.
     ///
     /// # Errors
-    /// If the system refuses; [`io::ErrorKind::WouldBlock`] while somebody else has it open.
+    /// If the system refuses; [`io::ErrorKind::WouldBlock`] while another process has it open.
     pub fn open(folder: &Path) -> io::Result<JournalFile> {
         durable::folder(folder)?;
         let path = folder.join(NAME);

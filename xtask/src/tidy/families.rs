@@ -1,5 +1,5 @@
-//! `families`: what differs between families is data of `device`, which everybody else reads. And
-//! the recipe in `CONTRIBUTING.md` names every file that a new family needs.
+//! `families`: what differs between families is data of `device`, which all others read. And the
+//! recipe in `CONTRIBUTING.md` names every file that a new family needs.
 
 use super::report::Report;
 use super::rust::Source;

@@ -7,7 +7,7 @@ use super::tree::{Tree, matches};
 /// Where the line's master and its ports are.
 const HOME: &str = "crates/host/";
 
-/// What opens a port: its types, and the master over a port of somebody else.
+/// What opens a port: its types, and the master over a port opened elsewhere.
 const OPENERS: [&str; 6] = [
     "AnyPort::new(",
     "SerialPort::new(",
@@ -17,7 +17,7 @@ const OPENERS: [&str; 6] = [
     "Line::over(",
 ];
 
-/// Who else may open one, and why. Whoever sends must have the line to himself: the daemon lends
+/// Who else may open one, and why. A sender needs exclusive access to the line: the daemon lends
 /// it, or the port is locked.
 const ALLOWED: &[(&str, &str)] = &[
     (

@@ -44,7 +44,7 @@ impl Watching {
 
     fn take_picture(&mut self, picture: &Picture) {
         match self.follower.missed() {
-            // The beginning, or another configuration: everything is told.
+            // The beginning, or another configuration: everything is sent.
             0 => self.told.clear(),
             dropped => self.waiting.push_back(WatchEvent::Gap { dropped }),
         }

@@ -14,7 +14,7 @@ const TRIPPED: u16 = 0x04;
 /// Fewer than one frame in so many may fail to arrive whole.
 const FEW: u32 = 100;
 
-/// What a module told.
+/// What a module reported.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Hearing {
     /// Its host watchdog has tripped. Of another maker's module nothing is said of that: its

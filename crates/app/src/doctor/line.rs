@@ -1,5 +1,5 @@
-//! The line and its modules: listened to while nobody is asked, then read by the same rules as
-//! everything else reads.
+//! The line and its modules: the idle line is listened to, then the modules are read by the same
+//! rules as everywhere else.
 
 use super::finding::{Finding, Section};
 use super::texts::FindingText;
@@ -33,9 +33,9 @@ pub struct Chosen {
     pub port: LineName,
     /// How the port is set.
     pub settings: Settings,
-    /// What they are called, what they are, and how the line is to treat them: nobody polls them.
+    /// Their names, their setup, and a plan without polls.
     pub modules: Vec<(String, Module, Plan)>,
-    /// What the state machine of the line is told.
+    /// The configuration of the line's state machine.
     pub bus: railbus_host::Config,
 }
 
@@ -100,7 +100,7 @@ async fn hear(port: &mut AnyPort, listen: Duration) -> Vec<u8> {
     heard
 }
 
-/// What it means that something was heard while nobody was asked.
+/// The finding on bytes received without a request.
 fn judge(lang: Lang, line: &Chosen, heard: &[u8], listen: Duration) -> Finding {
     let millis = u64::try_from(listen.as_millis()).unwrap_or(u64::MAX);
     let time = time::duration(lang, millis);

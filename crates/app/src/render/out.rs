@@ -24,7 +24,7 @@ pub fn result(lang: Lang, text: &str) -> Result<(), Failure> {
     put(lang, text).map(|_| ())
 }
 
-/// Prints a message besides the result. If even stderr is closed, nobody can be told.
+/// Prints a message besides the result. If even stderr is closed, it is lost.
 pub fn note(text: &str) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }

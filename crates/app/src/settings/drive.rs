@@ -95,8 +95,8 @@ impl<'d, T> Drive<'d, T> {
         }
     }
 
-    /// Runs the procedure until its caller has something to do. When `stop` resolves meanwhile, the
-    /// procedure ends where that is safe.
+    /// Runs the procedure until its caller has something to do. Once `stop` resolves, the procedure
+    /// ends where that is safe.
     pub async fn next(&mut self, stop: impl Future<Output = ()>) -> DriveStep<T> {
         let mut stop = pin!(stop);
         let mut is_stopped = false;

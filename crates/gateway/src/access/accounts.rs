@@ -207,7 +207,8 @@ impl Accounts {
         self.needs_an_admin()
     }
 
-    /// Somebody must remain who can manage permissions. The caller discards the change otherwise.
+    /// At least one account must remain that can manage permissions. Otherwise the caller discards
+    /// the change.
     fn needs_an_admin(&self) -> Result<(), Problem> {
         let is_admin = |user: &User| user.role == Role::Admin && !user.locked;
         match self.users.iter().any(is_admin) {

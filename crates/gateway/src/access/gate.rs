@@ -48,7 +48,7 @@ pub struct Gate {
     tries: Tries,
     /// When too many attempts were last reported.
     tries_told: Mutex<Option<Instant>>,
-    /// Counts changes that may revoke somebody's rights.
+    /// Counts changes that may revoke rights.
     changes: watch::Sender<u64>,
 }
 
@@ -352,7 +352,7 @@ impl Gate {
         }
     }
 
-    /// Whether somebody may still do what this role may.
+    /// Whether the caller still has the rights of this role.
     fn may_still(&self, caller: &Caller, least: Role) -> bool {
         let role = match &caller.known {
             Known::Not => None,
@@ -370,8 +370,8 @@ impl Gate {
         role >= Some(least)
     }
 
-    /// Waits until somebody may no longer look on: the session or the token has ended, or the
-    /// user was locked. What streams on and on ends then. Can be dropped and called again.
+    /// Waits until the caller loses access: the session or token has ended, or the user was
+    /// locked. Its streams end then. Cancel-safe.
     pub(crate) async fn gone(&self, caller: &Caller) {
         /// How late the end of a session may be noticed that nothing but time has ended.
         const LATE: Duration = Duration::from_secs(60);

@@ -31,7 +31,7 @@ pub(super) fn note_login(site: &Site, name: Option<&str>, via: &str, refused: Op
     site.service.tell_event(event.by(&origin));
 }
 
-/// Reports too many attempts only once in a while, so that nobody can flood the history.
+/// Reports too many attempts at a limited rate, so that they cannot flood the history.
 fn note_tries(site: &Site, via: &str) {
     if !site.access.is_time_to_tell(Instant::now()) {
         return;

@@ -20,7 +20,7 @@ impl Secret {
         Secret(text)
     }
 
-    /// 256 random bits in hexadecimal, after a prefix that tells what it is for.
+    /// 256 random bits in hexadecimal, after a prefix that says what it is for.
     pub(crate) fn random(prefix: &str) -> Result<Secret, getrandom::Error> {
         let bytes = random::<LEN>()?;
         Ok(Secret(format!("{prefix}{}", hex(&bytes))))

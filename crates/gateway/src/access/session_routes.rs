@@ -321,7 +321,7 @@ async fn log_out(State(site): State<Site>, who: Extension<Caller>) -> Answer {
     .await
 }
 
-/// `POST /password`: changes one's own password. All other sessions of the user end.
+/// `POST /password`: changes the caller's password. All other sessions of the user end.
 async fn new_password(
     State(site): State<Site>,
     who: Extension<Caller>,

@@ -54,8 +54,8 @@ impl Tries {
         Ok(())
     }
 
-    /// The password was right: the account gets all its attempts back, and the address the one it
-    /// used, so that logging in to one's own account gives no attempts at those of others.
+    /// The password was right: resets the attempts of the account, and returns the one used to
+    /// the address, so that logging in to an own account yields no attempts at others.
     pub(crate) fn give_back(&self, all: &[Who]) {
         let mut known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         for who in all {

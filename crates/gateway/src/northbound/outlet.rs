@@ -149,7 +149,7 @@ pub(super) fn on_this_thread<T>(what: impl FnOnce() -> Work<T>) -> Result<T, Str
     let runtime = Builder::new_current_thread().enable_all().build();
     let runtime = runtime.map_err(|error| error.to_string())?;
     let end = catch_unwind(AssertUnwindSafe(|| runtime.block_on(what())));
-    // A look-up of a name may take longer than anybody waits.
+    // A pending name look-up must not delay the end.
     runtime.shutdown_background();
     end.map_err(|panic| {
         let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());

@@ -212,7 +212,7 @@ fn about(site: &Site, headers: &HeaderMap, id: &OutletId, outlet: &Supervised) -
     }
 }
 
-/// A problem within an answer, as it would be told alone.
+/// A problem within an answer, worded as if it were the whole answer.
 pub(super) fn in_words(site: &Site, headers: &HeaderMap, problem: Problem) -> Problem {
     localize::told(language::spoken(headers, site.lang), problem)
 }

@@ -46,11 +46,11 @@ struct State {
     runs: BTreeMap<RunId, Handles>,
     /// Outlets that were started before the daemon was ready for them.
     early: Option<Vec<(Outlet, Events)>>,
-    /// What is to be told once the daemon is ready for it.
+    /// Events to publish once the daemon is ready for them.
     lost: Vec<Event>,
 }
 
-/// How a run is told something.
+/// The channels to a run.
 struct Handles {
     stop: watch::Sender<bool>,
     settings: watch::Sender<Keys>,
@@ -126,7 +126,7 @@ impl Northbound {
             tokio::select! {
                 changed = changes.changed() => match changed {
                     Ok(()) => self.configure(),
-                    // Nobody can change it any more.
+                    // The sender is gone: no more changes.
                     Err(_) => return,
                 },
                 () = news => {}
@@ -174,7 +174,7 @@ impl Northbound {
                         let started = state.early.as_mut().unwrap_or(&mut started);
                         started.push((outlet, self.service.follow_events()));
                     }
-                    // Fails if it has ended meanwhile, which the supervisor hears of.
+                    // Fails if it has just ended, which the supervisor is notified of.
                     Output::Settings(run, settings) => {
                         if let Some(handles) = state.runs.get(&run) {
                             let _ = handles.settings.send(settings);

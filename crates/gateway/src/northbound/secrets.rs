@@ -108,7 +108,7 @@ fn read(path: &Path) -> io::Result<All> {
     };
     let mut text = String::new();
     file.take(LEN_MAX).read_to_string(&mut text)?;
-    // A parser's words may repeat what it read, and so its place only is told.
+    // A parser's message may quote what it read, so only the position is reported.
     let kept: BTreeMap<String, Secret> = serde_json::from_str(&text).map_err(|error| {
         let place = format!("line {} column {}", error.line(), error.column());
         io::Error::new(io::ErrorKind::InvalidData, place)

@@ -14,7 +14,7 @@ use std::sync::atomic::Ordering::Relaxed;
 use std::sync::atomic::{AtomicU64, AtomicUsize};
 use std::time::Duration;
 
-/// An outlet that was told to stop has this time to do so, before it is left alone.
+/// The time an outlet has to stop before it is abandoned.
 pub(super) const STOP_MAX: Duration = Duration::from_secs(5);
 /// The longest wait before an outlet that ended is started again.
 const WAIT_MAX: Duration = Duration::from_secs(60);
@@ -88,7 +88,7 @@ pub(super) enum Output {
     Start(RunId, OutletId),
     /// Hand it its new settings.
     Settings(RunId, Keys),
-    /// Tell it to stop.
+    /// Ask it to stop.
     Stop(RunId),
     /// Tell the site.
     Tell(Box<Event>),
@@ -105,7 +105,7 @@ enum Phase {
     Failing(RunId, Option<Duration>),
     /// It ended by itself, and is started again then.
     Waiting(Duration),
-    /// It was told to stop, and is left alone then.
+    /// It was asked to stop, and is abandoned then.
     Stopping(RunId, Duration),
 }
 
@@ -131,7 +131,7 @@ pub(crate) struct Supervised {
 #[derive(Debug, Default)]
 pub(crate) struct Supervisor {
     outlets: BTreeMap<OutletId, Supervised>,
-    /// Runs that were told to stop and did not.
+    /// Runs that were asked to stop and did not.
     stuck: BTreeSet<RunId>,
     newest: u64,
     is_closing: bool,
@@ -385,7 +385,7 @@ impl Supervisor {
         self.out.push_back(Output::Start(run, id.clone()));
     }
 
-    /// Tells it to stop, if it runs.
+    /// Asks it to stop, if it runs.
     fn stop(&mut self, now: Moment, outlet: &mut Supervised) {
         let phase = match (outlet.run(), outlet.phase) {
             (_, Phase::Stopping(..)) => return,

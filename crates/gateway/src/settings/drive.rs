@@ -25,7 +25,7 @@ use std::pin::pin;
 use std::time::Duration;
 use tokio::sync::watch;
 
-/// How long to wait for an answer: the line is not polled meanwhile.
+/// How long to wait for an answer: polling is suspended for that time.
 const ANSWER_MAX: Duration = Duration::from_secs(300);
 
 /// A procedure as an operation.
@@ -186,7 +186,7 @@ async fn stopped(op: &Op, stop: &watch::Receiver<bool>) {
     }
 }
 
-/// Asks the followers of the operation. None if it is cancelled, or nobody answers in time.
+/// Asks the followers of the operation. `None` if it is cancelled, or on timeout.
 async fn ask(op: &Op, stop: &watch::Receiver<bool>, question: Question) -> Option<bool> {
     let answer = op.ask();
     op.tell(|info| {

@@ -41,7 +41,7 @@ pub(super) async fn look(service: &Service, lang: Lang, target: &Target) -> Resu
                 Event::Over
             }
             ProcedureStep::Do(DriverAction::Tell(_)) => Event::Over,
-            // Reading writes nothing, and asks nobody.
+            // Reading writes nothing, and has no questions.
             ProcedureStep::Do(DriverAction::Journal(_)) => Event::Kept(false),
             ProcedureStep::Do(DriverAction::Confirm(_)) => Event::Answer(false),
         };

@@ -1,5 +1,5 @@
-//! The frames of a line with their meaning. Nothing is sent on the line for it, and while nobody is
-//! watching, it does no work.
+//! The frames of a line with their meaning. Nothing is sent on the line for it, and without
+//! subscribers it does no work.
 
 use super::{Gone, Out};
 use crate::frame_listener::{FrameListener, modules};

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
 /// How many WebSockets there may be. Each takes one file handle, of which a process usually has
-/// 1,024, and some 30 KiB of memory; what they are told is made once for all of them.
+/// 1,024, and some 30 KiB of memory; messages are serialized once for all of them.
 const SOCKETS_MAX: usize = 512;
 
 /// Counts open WebSockets.

@@ -5,7 +5,7 @@ use super::{Gone, Out};
 use crate::site::Site;
 use railbus_site::News;
 
-/// Tells how everything is, and then what changes, at the pace of the site's own stream.
+/// Sends the complete state, then changes, at the pace of the site's own stream.
 pub(super) async fn follow(site: &Site, view: View, mut out: Out) -> Result<(), Gone> {
     let mut follower = site.service.follow();
     while let Some(news) = follower.next().await {

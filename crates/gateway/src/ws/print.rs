@@ -63,7 +63,7 @@ fn is_same(a: &News, b: &News) -> bool {
     }
 }
 
-/// A text that is made by whoever needs it first; none where there is nothing to tell.
+/// A text that is made on first use; `None` if there is nothing to send.
 type Text = Arc<OnceLock<Option<Arc<str>>>>;
 
 /// News, and what was made of them.

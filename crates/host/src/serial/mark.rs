@@ -4,7 +4,7 @@
 //! opens the terminal. So while we use a terminal it carries a mark, which is removed at a proper
 //! close; if the mark is found, a process was killed. The mark is in the terminal's own modes: two
 //! characters for line editing, which raw terminals do not do. The kernel keeps them as long as the
-//! terminal exists. Unlike a file the mark can't be missing, belong to somebody else, be on a full
+//! terminal exists. Unlike a file the mark can't be missing, belong to another user, be on a full
 //! disk, or survive a reboot.
 
 use rustix::termios::{SpecialCodeIndex, Termios};

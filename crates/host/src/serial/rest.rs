@@ -1,8 +1,8 @@
 //! Whether a terminal is at rest: nothing was sent through it for so long that no reply can still
 //! come.
 //!
-//! Linux updates the time stamp of a terminal's device when it is written to, but coarsely, so that
-//! nobody can watch somebody type: the stamp changes only with the first write in each block of
+//! Linux updates the time stamp of a terminal's device when it is written to, but coarsely, so
+//! that typing can't be observed: the stamp changes only with the first write in each block of
 //! eight seconds. So the last write was before the end of the stamp's block, and if that end is
 //! long ago, so is the write. Reading and opening do not change the stamp.
 

@@ -44,8 +44,8 @@ pub(crate) struct Tty {
 }
 
 impl Tty {
-    /// Opens, locks and sets up the terminal at a path. Nothing is changed before it is certain
-    /// that nobody else uses it. May block, and still needs the runtime.
+    /// Opens, locks and sets up the terminal at a path. Nothing is changed before exclusive
+    /// access is certain. May block, and still needs the runtime.
     pub(crate) fn open(path: &Path, options: SerialOptions) -> Result<Tty, PortError> {
         let access = match options.listen_only {
             true => OFlags::RDONLY,

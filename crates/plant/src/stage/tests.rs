@@ -38,7 +38,7 @@ address = 5
 const OVEN_ON: [u8; 8] = [0x03, 0x05, 0x00, 0x3C, 0xFF, 0x00, 0x4D, 0xD4];
 /// The outputs of `pump` and its inputs, without a checksum.
 const PUMP: &[u8] = b"$016\r";
-/// What is heard where nobody answers.
+/// No reply.
 const SILENCE: [u8; 0] = [];
 /// The analog inputs of `tank`.
 const TANK: [u8; 8] = [0x05, 0x03, 0x00, 0x06, 0x00, 0x02, 0x25, 0x8E];

@@ -75,8 +75,8 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Refuses a line that a daemon has. It is not borrowed: nobody would control its outputs in the
-/// meantime, and running pulses and leases would end.
+/// Refuses a line that a daemon has. It is not borrowed: its outputs would be uncontrolled in
+/// the meantime, and running pulses and leases would end.
 async fn not_served(context: &Context) -> Result<(), Failure> {
     if context.options.ad_hoc.is_some() {
         return Ok(());

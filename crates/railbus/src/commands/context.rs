@@ -55,7 +55,7 @@ pub(crate) struct Context {
     pub(crate) options: Options,
     /// The tasks that print the traffic, with `-v`.
     tracers: Tracers,
-    /// The user was told whose daemon is used.
+    /// The note whose daemon is used was printed.
     has_told: Cell<bool>,
     /// The lines that this command has borrowed from daemons.
     borrowed: RefCell<Vec<(DaemonClient, String)>>,
@@ -178,7 +178,7 @@ impl Context {
     }
 
     /// The daemon to use, if there is one and no flag forbids it. If nothing in this folder says
-    /// which site is meant, the user is told whose daemon it is.
+    /// which site is meant, a note says whose daemon it is.
     pub(crate) async fn daemon(&self) -> Result<Option<DaemonClient>, Failure> {
         let daemon = Backend::daemon(&self.options).await;
         let daemon = daemon.map_err(|problem| self.failure(&problem))?;

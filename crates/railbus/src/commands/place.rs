@@ -20,7 +20,7 @@ pub(super) struct Place {
 
 /// Who has the line.
 pub(super) enum Access {
-    /// Nobody: it can be opened here.
+    /// It is free: it can be opened here.
     Here(Place),
     /// The daemon.
     Daemon(Backend),

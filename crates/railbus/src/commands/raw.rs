@@ -59,7 +59,7 @@ pub(crate) fn define(lang: Lang) -> Command {
 struct Answer {
     bytes: Vec<u8>,
     after_ms: u64,
-    /// How the exchange ended; none if the frame was not a known request, so nobody can tell.
+    /// How the exchange ended; none if the frame was not a known request, so it can't be known.
     outcome: Option<Outcome>,
 }
 

@@ -279,7 +279,7 @@ impl<'a> Hearing<'a> {
         Ok((Source::Daemon(frames), listened))
     }
 
-    /// Nobody has the line: the port is opened for listening.
+    /// The line is free: the port is opened for listening.
     async fn at_port(
         &mut self,
         auto: bool,

@@ -108,7 +108,7 @@ fn folder_named(listed: &str, name: &str) -> Option<PathBuf> {
     (!first.is_empty()).then(|| first.into())
 }
 
-/// Writes a temporary file next to it and renames that, so nobody sees half a file.
+/// Writes a temporary file next to it and renames that, so that the file is never seen incomplete.
 fn put(piece: &Piece) -> std::io::Result<()> {
     if let Some(folder) = piece.path.parent() {
         std::fs::create_dir_all(folder)?;

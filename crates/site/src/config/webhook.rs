@@ -1,4 +1,4 @@
-//! Who is told of events over HTTP: the tables `[webhook.<id>]`.
+//! The receivers of events over HTTP: the tables `[webhook.<id>]`.
 
 use super::Config;
 use super::problem::Kind;
@@ -27,9 +27,9 @@ const SEVERITIES: [(&str, Severity); 3] = [
 pub struct Webhook {
     /// Its address, with `http` or `https`.
     pub url: String,
-    /// The kinds of events it is told; empty for all of them.
+    /// The kinds of events it receives; empty for all of them.
     pub events: BTreeSet<EventKind>,
-    /// It is told nothing that matters less.
+    /// The least severity it receives.
     pub severity: Severity,
     /// With `modules`: it is told only what is about one of these. Empty, both, for everything.
     pub lines: BTreeSet<String>,
@@ -40,7 +40,7 @@ pub struct Webhook {
 }
 
 impl Config {
-    /// Whether a webhook of this configuration is to be told of an event.
+    /// Whether a webhook of this configuration receives an event.
     #[must_use]
     pub fn tells(&self, hook: &Webhook, event: &Event) -> bool {
         let kind = hook.events.is_empty() || hook.events.contains(&event.kind);
@@ -130,8 +130,8 @@ impl<'t> Reader<'t> {
         Some(kinds)
     }
 
-    /// Names of tables that must be there. Of those that could not be read nothing is said: what
-    /// is wrong with them was told.
+    /// Names of tables that must be there. Those that could not be read are skipped: their
+    /// problems were reported.
     fn known<T>(
         &mut self,
         root: &DeTable<'t>,

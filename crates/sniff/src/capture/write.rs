@@ -13,7 +13,7 @@ const MICROSECONDS: u8 = 6;
 pub fn header(program: &str) -> Vec<u8> {
     let mut body = MAGIC.to_le_bytes().to_vec();
     body.extend([1, 0, 0, 0]); // Version 1.0.
-    body.extend([0xFF; 8]); // The section's length is not told.
+    body.extend([0xFF; 8]); // The section's length is not specified.
     text(&mut body, option::USER_APPLICATION, program);
     block(SECTION, body)
 }

@@ -241,7 +241,7 @@ fn commit(tail: &mut Tail, batch: Vec<Job>, reach: &Mutex<Reach>) {
     let before = tail.reach.clone();
     let records = batch.iter().map(|job| job.record.clone());
     let written = tail.append(records).is_ok();
-    // A caller that is told about a record must be able to read it.
+    // A record that was acknowledged must be readable.
     publish(tail);
     let tell = |job: Job, is_done: bool| job.waiting.end(is_done.then_some(()).ok_or(NotWritten));
     let mut durable = Vec::new();

@@ -132,7 +132,7 @@ impl Writer {
                 let _ = done.send(());
                 return;
             }
-            // Whoever follows the site says them again after each gap.
+            // The follower of the site sends them again after each gap.
             Job::Keep(keep) if keep == self.keep => return,
             Job::Keep(keep) => {
                 self.keep = keep;

@@ -145,7 +145,8 @@ impl Hook<'_> {
         }
     }
 
-    /// Delivers one event after the other, for ever. What came of each try goes to `tell`.
+    /// Delivers one event after the other, and never returns. The result of each attempt goes to
+    /// `tell`.
     pub(super) async fn work(
         &self,
         send: impl AsyncFn(String, Arc<Event>) -> Result<u16, Failed>,

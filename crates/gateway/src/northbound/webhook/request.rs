@@ -82,7 +82,7 @@ pub(super) struct Parcel {
 /// Who carries it.
 pub(super) struct Carrier {
     limit: Duration,
-    /// Whom this machine trusts, once somebody had to be.
+    /// The trust anchors of this machine, loaded at the first use.
     trust: Mutex<Option<Arc<ClientConfig>>>,
 }
 
@@ -181,8 +181,7 @@ fn request(url: &Uri, parcel: &Parcel) -> Result<Request<Full<Bytes>>, hyper::ht
     request.body(Full::new(parcel.body.clone()))
 }
 
-/// What only somebody with the secret can say of a body and the time of its sending: that an old
-/// one is sent again by another is seen by the time.
+/// The signature of a body and its send time under the secret. The time reveals replays.
 fn signature(secret: &Secret, at: i64, body: &[u8]) -> Option<String> {
     // A key may have any length, so that there always is one.
     let mut mac = Hmac::<Sha256>::new_from_slice(secret.expose().as_bytes()).ok()?;

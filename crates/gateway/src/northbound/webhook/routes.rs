@@ -60,7 +60,7 @@ struct SecretRequest {
     secret: Option<String>,
 }
 
-/// Whether a webhook has a secret now. Which one, is not told.
+/// Whether a webhook has a secret now, but not the secret itself.
 #[derive(Serialize, ToSchema)]
 #[schema(as = WebhookSecret)]
 struct SecretTold {

@@ -40,7 +40,7 @@ pub(super) fn may_lead(old: &Config, new: &Config) -> Result<(), Problem> {
     Ok(())
 }
 
-/// The address that a host is as it is written, whoever is asked for its name.
+/// The address, if the host is written as one: no name resolution is involved.
 pub(super) fn literal(host: &str) -> Option<IpAddr> {
     match host.eq_ignore_ascii_case("localhost") {
         true => Some(Ipv4Addr::LOCALHOST.into()),
@@ -76,8 +76,8 @@ pub(super) fn refused(host: &str, port: u16) -> Problem {
     Problem::new(codes::HOOK_TARGET).with("name", format!("{host}:{port}"))
 }
 
-/// Whether an address is of this machine, of its link only, or of nobody in particular. Networks
-/// of plants (10/8 and the like) are no such addresses: receivers stand there.
+/// Whether an address is loopback, link-local or unspecified. Private networks (10/8 and the like)
+/// are not: receivers stand there.
 pub(super) fn is_inner(address: IpAddr) -> bool {
     let address = address.to_canonical();
     let is_special = match address {

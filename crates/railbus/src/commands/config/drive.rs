@@ -139,7 +139,7 @@ pub(super) fn can_ask() -> bool {
     std::io::stdin().is_terminal()
 }
 
-/// Fails if there is nobody to ask.
+/// Fails if there is no terminal to ask at.
 pub(super) fn must_ask(context: &Context) -> Result<(), Failure> {
     if can_ask() {
         return Ok(());

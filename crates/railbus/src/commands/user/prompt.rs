@@ -1,5 +1,5 @@
 //! Reads a password: from the terminal, without showing it, or from a file; never from the command
-//! line, which everybody on the machine can read.
+//! line, which every user of the machine can read.
 
 use super::UserText;
 use railbus_app::failure::Failure;

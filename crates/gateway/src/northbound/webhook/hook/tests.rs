@@ -10,8 +10,8 @@ fn event(id: usize) -> Arc<Event> {
     })
 }
 
-/// A webhook at work in virtual time, whose receiver follows a script: of each try it is told
-/// when it came, for which address, and with which event.
+/// A webhook at work in virtual time, whose receiver follows a script, which gets the time,
+/// address and event of each attempt.
 struct Stage {
     hook: Arc<Hook<'static>>,
     counts: &'static OutletCounts,
@@ -55,7 +55,7 @@ impl Stage {
         }
     }
 
-    /// The failures that were told: the code, which try it was, and the seconds to the next.
+    /// The reported failures: the code, the number of the attempt, and the seconds to the next.
     fn failures(&mut self) -> Vec<(String, u32, Option<u64>)> {
         let told = std::iter::from_fn(|| self.told.try_recv().ok());
         told.filter_map(|tried| match tried {

@@ -198,8 +198,8 @@ async fn over_tls_it_goes_to_whom_is_trusted_and_nobody_else() {
     receiver.abort();
 }
 
-/// `127.1` is a name to whoever reads it, and leads to this machine, as any name could that is
-/// asked again.
+/// `127.1` looks like a name, and resolves to this machine, as any name could when it is resolved
+/// again.
 #[tokio::test]
 async fn a_name_that_leads_to_this_machine_is_refused_unless_the_owner_allows_it() {
     let (url, receiver) = receive(Deed::Say("HTTP/1.1 204 No Content\r\n\r\n")).await;
