@@ -34,6 +34,10 @@ async fn all(service: &Service) -> Vec<(&'static str, Result<(), Failure>)> {
     let terms = BatchTerms::default();
     let batch = set(&[("oven", 1, true), ("oven", 2, true)]);
     let write = service.write("oven", &both, WriteTerms::default()).await;
+    let labelled = ("oven", "k2");
+    let labelled = service
+        .write_labelled(labelled, true, WriteTerms::default())
+        .await;
     let toggle = service.toggle("oven", k(2), ToggleTerms::default()).await;
     let pulse = service.pulse("oven", k(2), Pulse::default()).await;
     let lease = service
@@ -47,6 +51,7 @@ async fn all(service: &Service) -> Vec<(&'static str, Result<(), Failure>)> {
     let play = service.play("heat", terms).await;
     vec![
         ("write", write.map(drop)),
+        ("write_labelled", labelled.map(drop)),
         ("toggle", toggle.map(drop)),
         ("pulse", pulse.map(drop)),
         ("lease", lease.map(drop)),
