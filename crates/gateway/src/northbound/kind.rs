@@ -110,6 +110,32 @@ pub(crate) enum Shape {
     Secret(usize, usize),
 }
 
+impl Field {
+    /// A setting that can be left out and needs no explanation.
+    pub(crate) const fn new(key: &'static str, title: Pair, shape: Shape) -> Field {
+        Field {
+            key,
+            title,
+            hint: ["", ""],
+            shape,
+            is_required: false,
+        }
+    }
+
+    /// The same, but it must be there.
+    pub(crate) const fn required(self) -> Field {
+        Field {
+            is_required: true,
+            ..self
+        }
+    }
+
+    /// The same, with what is to be known of it.
+    pub(crate) const fn with_hint(self, hint: Pair) -> Field {
+        Field { hint, ..self }
+    }
+}
+
 impl OutletKind {
     /// A kind whose outlets stand in the table `[outlet.NAME]` and are restarted when their
     /// settings change.

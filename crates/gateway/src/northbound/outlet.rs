@@ -1,7 +1,7 @@
 //! What an outlet gets: the site in its own name and with its own rights, its settings, and where
 //! it reports. And how it runs: on a thread of its own, so that nothing it does holds up another.
 
-use super::kind::{OutletKind, Work};
+use super::kind::{OutletKind, Shape, Work};
 use super::run::Northbound;
 use super::secrets::Secrets;
 use super::supervisor::{Input, OutletCounts, OutletId, RunId};
@@ -40,6 +40,43 @@ pub(crate) struct Outlet {
 }
 
 impl Outlet {
+    /// A text among its settings; empty where it is left out.
+    #[cfg_attr(
+        not(test),
+        expect(dead_code, reason = "only the kind of the tests asks")
+    )]
+    pub(crate) fn text(&self, key: &str) -> String {
+        let settings = self.settings.borrow();
+        let text = settings.get(key).and_then(|value| value.as_str());
+        text.unwrap_or_default().to_owned()
+    }
+
+    /// A number among its settings, or what its field says where it is left out.
+    #[cfg_attr(
+        not(test),
+        expect(dead_code, reason = "only the kind of the tests asks")
+    )]
+    pub(crate) fn number(&self, key: &str) -> i64 {
+        let settings = self.settings.borrow();
+        let number = settings.get(key).and_then(|value| value.as_i64());
+        let fields = self.kind.fields.iter();
+        let default = || match fields.clone().find(|field| field.key == key)?.shape {
+            Shape::Number(_, _, default) => Some(default),
+            _ => None,
+        };
+        number.or_else(default).unwrap_or_default()
+    }
+
+    /// Whether a setting of shape [`Shape::Flag`] is set.
+    #[cfg_attr(
+        not(test),
+        expect(dead_code, reason = "only the kind of the tests asks")
+    )]
+    pub(crate) fn flag(&self, key: &str) -> bool {
+        let settings = self.settings.borrow();
+        settings.get(key).and_then(|value| value.as_bool()) == Some(true)
+    }
+
     /// Its secret, as it is now.
     pub(crate) fn secret(&self) -> Option<Arc<Secret>> {
         self.secrets.of(self.kind, &self.name)

@@ -1,116 +1,72 @@
 //! The kind of the tests, and an example of one: every reading is a line of text over TCP, and a
 //! line that comes from there, such as `oven.k1 on`, is a command.
 
-use super::kind::{Field, OutletKind, Pair, Shape, Work};
+use super::kind::{Field, OutletKind, Shape};
 use super::outlet::Outlet;
 use railbus_api::problem::{Problem, codes};
-use railbus_app::api::ask;
-use railbus_site::{Events, News, WriteTerms};
+use railbus_site::{News, WriteTerms};
 use tokio::io::{AsyncBufReadExt as _, AsyncWriteExt as _, BufReader};
 use tokio::net::TcpStream;
 
 /// Lines of text over TCP.
-pub(super) static KIND: OutletKind = OutletKind::new("textline", WORDS, FIELDS, run, test);
-
-const WORDS: (Pair, Pair) = (
-    ["Lines of text", "文本行"],
-    ["Sends readings as lines of text.", "以文本行发送读数。"],
+pub(super) static KIND: OutletKind = OutletKind::new(
+    "textline",
+    (["Text", "文本"], ["Readings as text.", "以文本发送读数。"]),
+    &[
+        Field::new("host", ["Host", "主机"], Shape::Text(256)).required(),
+        Field::new("port", ["Port", "端口"], Shape::Number(1, 65_535, 4_000)),
+        Field::new("quiet", ["No readings", "不发读数"], Shape::Flag),
+        Field::new("write", ["Outputs", "允许操作的输出"], Shape::Points),
+    ],
+    |outlet, _| Box::pin(run(outlet)),
+    |outlet| Box::pin(async move { connect(&outlet).await.map(|_| "connected".to_owned()) }),
 );
-const FIELDS: &[Field] = &[
-    Field {
-        key: "host",
-        title: ["Host", "主机"],
-        hint: ["", ""],
-        shape: Shape::Text(256),
-        is_required: true,
-    },
-    Field {
-        key: "port",
-        title: ["Port", "端口"],
-        hint: ["", ""],
-        shape: Shape::Number(1, 65_535, 4_000),
-        is_required: false,
-    },
-    Field {
-        key: "quiet",
-        title: ["Only takes commands", "仅接收命令"],
-        hint: ["", ""],
-        shape: Shape::Flag,
-        is_required: false,
-    },
-    Field {
-        key: "write",
-        title: ["Outputs that it may switch", "允许操作的输出"],
-        hint: ["", ""],
-        shape: Shape::Points,
-        is_required: false,
-    },
-];
 
-fn run(outlet: Outlet, _: Events) -> Work<Result<(), Problem>> {
-    Box::pin(async move {
-        let is_quiet = outlet.settings.borrow().get("quiet") == Some(&true.into());
-        let (from, mut to) = connect(&outlet).await?.into_split();
-        let mut commands = BufReader::new(from).lines();
-        let (mut site, stopped) = (outlet.service.follow(), outlet.stopped());
-        tokio::pin!(stopped);
-        outlet.report.ready();
-        loop {
-            let line = tokio::select! {
-                () = &mut stopped => return Ok(()),
-                command = commands.next_line() => match command.map_err(lost)? {
-                    Some(command) => switch(&outlet, &command).await,
-                    None => return Err(lost("closed")),
-                },
-                news = site.next(), if !is_quiet => match news {
-                    Some(News::Picture(picture)) => format!("points {}", picture.points.len()),
-                    Some(News::Batch(batch)) => format!("changes {}", batch.points.len()),
-                    None => return Ok(()),
-                },
-            };
-            to.write_all(format!("{line}\n").as_bytes())
-                .await
-                .map_err(lost)?;
-            outlet.report.worked();
-        }
-    })
-}
-
-fn test(outlet: Outlet) -> Work<Result<String, Problem>> {
-    Box::pin(async move {
-        Ok(connect(&outlet)
-            .await?
-            .peer_addr()
-            .map_err(lost)?
-            .to_string())
-    })
+async fn run(outlet: Outlet) -> Result<(), Problem> {
+    let (from, mut to) = connect(&outlet).await?.into_split();
+    let mut commands = BufReader::new(from).lines();
+    let (mut site, stopped) = (outlet.service.follow(), outlet.stopped());
+    tokio::pin!(stopped);
+    outlet.report.ready();
+    loop {
+        let line = tokio::select! {
+            () = &mut stopped => return Ok(()),
+            command = commands.next_line() => match command.map_err(lost)? {
+                Some(command) => switch(&outlet, &command).await,
+                None => return Err(lost("closed")),
+            },
+            news = site.next(), if !outlet.flag("quiet") => match news {
+                Some(News::Picture(picture)) => format!("points {}", picture.points.len()),
+                Some(News::Batch(batch)) => format!("changes {}", batch.points.len()),
+                None => return Ok(()),
+            },
+        };
+        let line = format!("{line}\n");
+        to.write_all(line.as_bytes()).await.map_err(lost)?;
+        outlet.report.worked();
+    }
 }
 
 async fn connect(outlet: &Outlet) -> Result<TcpStream, Problem> {
-    let settings = outlet.settings.borrow().clone();
-    let host = settings["host"].as_str().unwrap_or_default().to_owned();
-    let port = settings.get("port").and_then(|port| port.as_u64());
-    let port = port.and_then(|port| u16::try_from(port).ok());
-    let stream = TcpStream::connect((host, port.unwrap_or(4_000))).await;
-    stream.map_err(lost)
+    let at = format!("{}:{}", outlet.text("host"), outlet.number("port"));
+    TcpStream::connect(at).await.map_err(lost)
 }
 
 /// Carries out `oven.k1 on`, and says how it ended.
 async fn switch(outlet: &Outlet, command: &str) -> String {
-    let (path, to) = command.split_once(' ').unwrap_or((command, ""));
-    let (module, point) = match ask::find(&outlet.service, path) {
-        Ok(found) => found,
-        Err(problem) => return format!("failed {}", problem.code),
+    let words: Vec<&str> = command.split(['.', ' ']).collect();
+    let [module, label, to] = words[..] else {
+        return "failed unknown".to_owned();
     };
-    let set = [(point, to == "on")];
-    let end = outlet
+    let (point, terms) = ((module, label), WriteTerms::default());
+    match outlet
         .service
-        .write(&module, &set, WriteTerms::default())
-        .await;
-    end.map_or_else(
-        |why| format!("failed {}", why.name()),
-        |_| "done".to_owned(),
-    )
+        .write_labelled(point, to == "on", terms)
+        .await
+    {
+        Ok(_) => "done".to_owned(),
+        Err(why) => format!("failed {}", why.name()),
+    }
 }
 
 fn lost(why: impl ToString) -> Problem {

@@ -83,55 +83,46 @@ const NOTES: &[Pair] = &[
 ];
 
 const FIELDS: &[Field] = &[
-    Field {
-        key: "url",
-        title: ["Address of the receiver", "接收方地址"],
-        hint: ["", ""],
-        shape: Shape::Url(URL_MAX),
-        is_required: true,
-    },
-    Field {
-        key: "events",
-        title: ["Event types (none = all)", "事件类型；不选表示全部"],
-        hint: ["", ""],
-        shape: Shape::Choices(KINDS),
-        is_required: false,
-    },
-    Field {
-        key: "severity",
-        title: ["At least", "最低级别"],
-        hint: ["", ""],
-        shape: Shape::Choice(SEVERITIES),
-        is_required: false,
-    },
-    Field {
-        key: "lines",
-        title: ["Only about these lines", "仅限这些总线"],
-        hint: ["", ""],
-        shape: Shape::Lines,
-        is_required: false,
-    },
-    Field {
-        key: "modules",
-        title: ["Only about these modules", "仅限这些模块"],
-        hint: [
-            "Together with the lines; leave both empty for all",
-            "与总线共同生效；均留空表示全部",
-        ],
-        shape: Shape::Modules,
-        is_required: false,
-    },
-    Field {
-        key: "secret",
-        title: ["Secret", "密钥"],
-        hint: [
-            "Signs what is sent. The same at the receiver. Leave empty to keep. It is never shown \
-             again.",
-            "用于签名，与接收方一致。留空则不变。保存后不再显示。",
-        ],
-        shape: Shape::Secret(SECRET_MIN, SECRET_MAX),
-        is_required: false,
-    },
+    Field::new(
+        "url",
+        ["Address of the receiver", "接收方地址"],
+        Shape::Url(URL_MAX),
+    )
+    .required(),
+    Field::new(
+        "events",
+        ["Event types (none = all)", "事件类型；不选表示全部"],
+        Shape::Choices(KINDS),
+    ),
+    Field::new(
+        "severity",
+        ["At least", "最低级别"],
+        Shape::Choice(SEVERITIES),
+    ),
+    Field::new(
+        "lines",
+        ["Only about these lines", "仅限这些总线"],
+        Shape::Lines,
+    ),
+    Field::new(
+        "modules",
+        ["Only about these modules", "仅限这些模块"],
+        Shape::Modules,
+    )
+    .with_hint([
+        "Together with the lines; leave both empty for all",
+        "与总线共同生效；均留空表示全部",
+    ]),
+    Field::new(
+        "secret",
+        ["Secret", "密钥"],
+        Shape::Secret(SECRET_MIN, SECRET_MAX),
+    )
+    .with_hint([
+        "Signs what is sent. The same at the receiver. Leave empty to keep. It is never shown \
+         again.",
+        "用于签名，与接收方一致。留空则不变。保存后不再显示。",
+    ]),
 ];
 
 const KINDS: &[(&str, Pair)] = &[
