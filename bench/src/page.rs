@@ -27,6 +27,7 @@ pub fn write(file: &str) -> Result<(), String> {
     println!("clients");
     let clients = of_clients(&clients::measure()?);
     let date = date();
+    let by_hand = by_hand(file);
     let page = format!(
         "# Performance
 
@@ -81,12 +82,22 @@ all checks included.
 
 {codec}
 `before` and `limit` are those of `bench/codec-limits.toml`.
-",
+{by_hand}",
         warm_up = paced::WARM_UP,
     );
     std::fs::write(file, page).map_err(|why| format!("{file} cannot be written: {why}"))?;
     println!("written: {file}");
     Ok(())
+}
+
+/// The section at the end of the page, which is written by hand.
+const BY_HAND: &str = "\n## Before and after the rebuild\n";
+
+/// That section as it is in this file, so that it survives; empty where there is none.
+fn by_hand(file: &str) -> String {
+    let page = std::fs::read_to_string(file).unwrap_or_default();
+    page.split_once(BY_HAND)
+        .map_or_else(String::new, |(_, text)| format!("{BY_HAND}{text}"))
 }
 
 /// The headings of the sections that can be renewed alone, and of the one after them.
