@@ -375,6 +375,51 @@ mod tests {
         let _ = std::fs::remove_dir_all(folder);
     }
 
+    /// A caller who asked for a line and goes away while the grant waits for the log, behind the end
+    /// of a pulse: the line comes back.
+    #[tokio::test]
+    async fn a_line_that_was_granted_to_a_caller_who_has_gone_comes_back() {
+        let (port, _boards) = board::start().await;
+        let service = oven(&port, "").await;
+        let name = format!("railbus-grants-{}", std::process::id());
+        let folder = std::env::temp_dir().join(name);
+        let (log, _) = AuditLog::open(&folder).unwrap();
+        service.keep_audit(log.clone());
+        let pulse = crate::Pulse {
+            width: Some(Micros::from_secs(60)),
+            by: crate::By::Host,
+            ..crate::Pulse::default()
+        };
+        service.pulse("oven", board::k(1), pulse).await.unwrap();
+        // Each of its records is waited for in vain, for a moment.
+        let goes_on = hold_up(&log);
+        log.works(false);
+        {
+            let mut lent = std::pin::pin!(service.lend("main"));
+            loop {
+                tokio::select! {
+                    biased;
+                    lent = &mut lent => panic!("granted in time: {lent:?}"),
+                    () = tokio::time::sleep(Duration::from_millis(1)) => {}
+                }
+                let mut driven = service.inner.driven();
+                if !driven.core.is_busy() && driven.waits.deadline().is_some() {
+                    break;
+                }
+            }
+        }
+        drop(goes_on);
+        let up = async {
+            while service.line("main").unwrap().state != railbus_host::LineState::Up {
+                tokio::time::sleep(Duration::from_millis(5)).await;
+            }
+        };
+        let up = tokio::time::timeout(Duration::from_secs(5), up).await;
+        assert!(up.is_ok(), "{:?}", service.line("main"));
+        service.close().await;
+        let _ = std::fs::remove_dir_all(folder);
+    }
+
     /// A disk that hangs holds up a command for as long as it may and no longer, and is told once.
     #[tokio::test]
     async fn a_log_that_hangs_is_waited_for_in_vain() {

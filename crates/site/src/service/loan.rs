@@ -1,10 +1,11 @@
 //! Exclusive access to a line, for callers that change settings of modules: what is done is decided
 //! in the core.
 
-use super::Service;
+use super::{Service, lock};
 use crate::core::{Context, Exclusive, LoanId, TaskId};
 use crate::{Config, Failure};
 use railbus_host::Fault;
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::sync::oneshot;
 use tokio::time::Instant;
@@ -21,20 +22,23 @@ pub struct Loan {
     is_over: bool,
 }
 
-/// Exclusive access that is requested. If the caller goes away, that ends; what was granted at the
-/// same time is given back.
+/// Exclusive access that is requested. If the caller goes away, that ends; what was granted and not
+/// told yet is given back.
 struct Lending<'a> {
     service: &'a Service,
     line: &'a str,
     task: TaskId,
-    lent: oneshot::Receiver<Result<Exclusive, Failure>>,
+    /// What was granted, until the caller has it. The answer may come later than that: it waits
+    /// until the ends of pulses are in the log.
+    granted: Arc<Mutex<Option<Exclusive>>>,
 }
 
 impl Drop for Lending<'_> {
     fn drop(&mut self) {
         let task = self.task;
         self.service.inner.drive(|core, now| core.cancel(now, task));
-        if let Ok(Ok(lent)) = self.lent.try_recv() {
+        let granted = lock(&self.granted).take();
+        if let Some(lent) = granted {
             drop(self.service.loan(self.line, lent));
         }
     }
@@ -53,20 +57,26 @@ impl Service {
     pub async fn lend(&self, line: &str) -> Result<Loan, Failure> {
         self.who.rights.may_change_site()?;
         let (end, lent) = oneshot::channel();
-        let name = line.to_owned();
+        let (name, granted) = (line.to_owned(), Arc::default());
+        let grants = Arc::clone(&granted);
         let task = self.inner.drive(|core, now| {
-            let lend = |context: Context| async move { context.lend_line(&name).await };
-            // The receiver lives until the procedure has ended or is cancelled.
+            let lend = |context: Context| async move {
+                let lent = context.lend_line(&name).await;
+                *lock(&grants) = lent.as_ref().ok().copied();
+                lent
+            };
+            // Fails if the caller has gone.
             core.start(now, lend, |lent| _ = end.send(lent))
         });
-        let mut lending = Lending {
+        let lending = Lending {
             service: self,
             line,
             task,
-            lent,
+            granted,
         };
-        let lent = (&mut lending.lent).await;
+        let lent = lent.await;
         let lent = lent.unwrap_or_else(|_| Err(Fault::Unknown.into()))?;
+        _ = lock(&lending.granted).take();
         Ok(self.loan(line, lent))
     }
 
