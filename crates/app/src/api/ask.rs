@@ -141,10 +141,19 @@ pub async fn write(
     let place = paths::split(path).unwrap_or((path, ""));
     match service.write_labelled(place, wanted.value, terms).await {
         Ok(done) => Ok(written(done)),
-        Err(failure) => {
-            let (module, point) = find(service, path)?;
-            let problem = failures::problem(service, &module, Some(point), &failure);
-            Err(problem)
+        Err(failure) => Err(not_written(service, path, &failure)),
+    }
+}
+
+/// Why the output of a path was not switched. The path is looked up for the words only: it may be
+/// gone since, and whether something may have happened is said all the same.
+fn not_written(service: &Service, path: &str, failure: &Failure) -> Problem {
+    match find(service, path) {
+        Ok((module, point)) => failures::problem(service, &module, Some(point), failure),
+        Err(unknown) if matches!(failure, Failure::NoSuchModule | Failure::NoSuchPoint) => unknown,
+        Err(_) => {
+            let (module, _) = paths::split(path).unwrap_or((path, ""));
+            failures::problem(service, module, None, failure)
         }
     }
 }
@@ -276,5 +285,30 @@ pub fn only_line(service: &Service) -> Result<String, Problem> {
     match (names.next(), names.next()) {
         (Some(line), None) => Ok(line.clone()),
         _ => Err(failures::of_line(service, "", &Failure::NoSuchLine)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use railbus_api::problem::codes;
+    use railbus_site::Config;
+
+    /// Between the end of a command and its answer another configuration may come into force.
+    #[tokio::test]
+    async fn a_command_to_an_output_that_is_gone_since_may_have_acted() {
+        let text = "[line.main]\nport = \"/dev/ttyS99\"\n\
+            [module.oven]\nline = \"main\"\nmodel = \"erc8\"\naddress = 3\n";
+        let service = Service::start_quiet(Config::parse(text).unwrap()).unwrap();
+        let unknown = Failure::Line(railbus_host::Fault::Unknown);
+        for path in ["oven.k1", "oven.do0", "gone.k1", "gone"] {
+            let problem = not_written(&service, path, &unknown);
+            assert!(problem.may_have_acted, "{path}: {problem:?}");
+            let missing = not_written(&service, path, &Failure::NoSuchPoint);
+            assert!(!missing.may_have_acted, "{path}: {missing:?}");
+        }
+        let missing = not_written(&service, "gone.k1", &Failure::NoSuchModule);
+        assert_eq!(missing.code, codes::NO_SUCH_MODULE.code);
+        service.close().await;
     }
 }
