@@ -132,7 +132,7 @@ impl Runs {
 
     #[cfg(test)]
     pub(super) fn nothing_is_pending(&self) -> bool {
-        self.pending.is_empty()
+        self.pending.is_empty() && self.ends.is_empty()
     }
 
     /// The current procedure is to be polled at this time of the site at the latest.
@@ -201,7 +201,10 @@ impl Context {
             *lock(&told) = Some(procedure.await);
             ended.with(|state| {
                 let runs = &mut state.runs;
-                if let Some(end) = runs.ends.remove(&runs.current) {
+                // Where it is not waited for any more, the other one may be gone.
+                let is_awaited = Arc::strong_count(&told) > 1;
+                let behind = runs.ends.remove(&runs.current).filter(|_| is_awaited);
+                if let Some(end) = behind {
                     runs.answers_behind(parent, end);
                 }
                 runs.wake(parent);
