@@ -97,6 +97,8 @@ impl Bus {
             terms.verify,
             (now, expires),
         ));
+        // It may have been under way to this line for too long; and time has passed for the others.
+        self.expire_commands();
         self.preempt_silent(module);
         Ok(ticket)
     }

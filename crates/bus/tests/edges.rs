@@ -461,6 +461,34 @@ fn a_command_expires_though_the_driver_comes_late() {
     assert!(line.frames.is_empty(), "{:?}", line.frames);
 }
 
+/// A command that was under way to the line for too long is not sent, and what expires while another
+/// one is handed in is not sent before that.
+#[test]
+fn a_command_that_is_handed_in_too_late_is_not_sent() {
+    for (left, is_sent) in [(0, false), (1, true)] {
+        let mut line = Line::new(EchoMode::Off, &[board()]);
+        let (now, module) = (line.drive.now, ModuleId(0));
+        let terms = Terms {
+            expires: Some(now + Micros(left)),
+            ..Terms::default()
+        };
+        let taken = line.drive.bus.submit(now, module, Op::Toggle(1), terms);
+        assert!(taken.is_ok());
+        line.drive.touched();
+        line.run(Micros::from_secs(1), |_| None);
+        assert_eq!(!line.frames.is_empty(), is_sent, "{left}");
+        let expired = (Err(Fault::Expired), Micros::ZERO);
+        assert_eq!(line.ends() == [expired], !is_sent, "{left}");
+    }
+    let mut line = Line::new(EchoMode::Off, &[board()]);
+    line.submit(Op::Toggle(1));
+    line.drive.now = line.drive.now + Micros::from_secs(6);
+    line.submit(Op::ReadOutputs);
+    line.run(Micros::ZERO, |_| None);
+    assert_eq!(line.ends(), [(Err(Fault::Expired), Micros::from_secs(6))]);
+    assert_eq!(line.frames.len(), 1, "{:?}", line.frames);
+}
+
 #[test]
 fn a_fault_says_whether_the_module_may_have_acted() {
     let evidence = Evidence::default();
