@@ -165,3 +165,39 @@ impl Inner {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use railbus_store::audit::Origin;
+    use std::sync::mpsc;
+    use std::time::SystemTime;
+
+    /// The log begins to fail between two records: the second is not given up before the first.
+    #[test]
+    fn who_waits_for_a_later_record_gives_up_no_earlier() {
+        let folder = std::env::temp_dir().join(format!("railbus-waits-{}", std::process::id()));
+        let (log, _) = AuditLog::open(&folder).unwrap();
+        let (goes_on, held_up) = mpsc::channel::<()>();
+        let entry = Entry {
+            id: String::new(),
+            at: SystemTime::now(),
+            origin: Origin::program("test"),
+            module: String::new(),
+            what: String::new(),
+            end: None,
+        };
+        let _first = log.begin(entry, String::new(), Box::new(move |_| _ = held_up.recv()));
+        let mut waits = Waits::default();
+        for request in [1, 2] {
+            let waiting = log.end("", End::Reply, String::new(), Box::new(|_| {}));
+            waits.add((&log, Micros::ZERO), RequestId(request), waiting);
+            log.works(false);
+        }
+        let overdue = |millis| waits.overdue(Micros::from_millis(millis)).len();
+        assert_eq!([20, 999, 1_000].map(overdue), [0, 0, 2]);
+        assert_eq!(waits.deadline(), Some(Micros::from_secs(1)));
+        drop(goes_on);
+        let _ = std::fs::remove_dir_all(folder);
+    }
+}

@@ -214,6 +214,19 @@ async fn who_asks_at_the_same_time_waits_for_the_one_answer() {
     assert_eq!((&two, &three), (&one, &one));
 }
 
+/// That a command begins is in the file before it does, and how it ended before that is told.
+#[tokio::test]
+async fn it_is_written_down_before_it_begins_and_before_it_is_told() {
+    let place = Place::new("before");
+    let keys = place.keys();
+    let path = place.0.join(NAME);
+    let rows = move || std::fs::read_to_string(&path).unwrap().lines().count();
+    let counts = rows.clone();
+    let work = async move { Json::from(counts()) };
+    let end = keys.carry_out(named("a", "li", "k1"), work).await;
+    assert_eq!((end, rows()), (Ok(Json::from(1)), 2));
+}
+
 #[tokio::test]
 async fn what_began_and_has_no_end_is_not_done_again() {
     let place = Place::new("cut");
