@@ -88,8 +88,17 @@ async fn a_command_under_a_key_ends_though_nobody_waits() {
     let (service, boards) = site_in(&folder).await;
     let gone = tokio::time::timeout(Duration::from_millis(1), toggle(&service, "a")).await;
     assert!(gone.is_err(), "{gone:?}");
+    // Another one goes while the frame is on its way, and not before it.
+    boards.slow(100);
+    let asked = service.clone();
+    let gone = tokio::spawn(async move { toggle(&asked, "b").await });
+    until(|| boards.writes().len() == 2).await;
+    gone.abort();
+    boards.slow(0);
+    assert_eq!(toggle(&service, "b").await, Ok(json!({ "Ok": false })));
+    assert_eq!(boards.writes().len(), 2);
     assert_eq!(toggle(&service, "a").await, Ok(json!({ "Ok": true })));
-    assert_eq!(boards.writes().len(), 1);
+    assert_eq!(boards.writes().len(), 2);
     service.close().await;
     let _ = std::fs::remove_dir_all(folder);
 }
