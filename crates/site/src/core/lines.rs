@@ -169,12 +169,15 @@ impl Context {
     /// takes longer, because a port hangs, the process has to end in time all the same, and
     /// [`State::tell_not_exited`] reports what could not be done.
     pub(crate) async fn close_site(&self) {
+        if self.with(|state| state.is_stopping()) {
+            // It is being ended already, or has been: all of it is done once.
+            let has_ended = |state: &mut State| state.has_ended;
+            self.wait_in(|state| &mut state.opening, has_ended).await;
+            return self.answer_behind_all();
+        }
         let until = self.stop();
         let _turn = self.until(until, self.line_turn()).await;
         self.until(until, self.all_ended()).await;
-        if self.with(|state| state.is_closed) {
-            return;
-        }
         let mut exits = pin!(self.exit_policy());
         let until = self.now() + EXIT_MAX;
         let is_done = self.until(until, exits.as_mut()).await.is_some();
@@ -190,6 +193,10 @@ impl Context {
         }
         self.with(State::tell_not_exited);
         self.closed(&lines).await;
+        self.with(|state| {
+            state.has_ended = true;
+            state.wake_opening();
+        });
         self.answer_behind_all();
     }
 }

@@ -55,6 +55,8 @@ pub(crate) struct State {
     pub(super) newest_loan: u64,
     /// The site has ended: lines are not opened any more.
     pub(super) is_closed: bool,
+    /// All that belongs to its end is done, and the ports are free.
+    pub(super) has_ended: bool,
     /// Outputs whose policy for the end of the site is not done yet.
     pub(super) exiting: BTreeSet<Place>,
     /// Outputs that the event that is being applied has shown in another state.
@@ -92,6 +94,7 @@ impl State {
             lines_opened: 0,
             newest_loan: 0,
             is_closed: false,
+            has_ended: false,
             exiting: BTreeSet::new(),
             changed: Vec::new(),
             returned: Vec::new(),

@@ -193,3 +193,36 @@ fn a_line_is_not_opened_for_the_end_of_the_site_by_an_old_configuration() {
     assert_eq!(world.acted.len(), acted, "{:?}", world.acted);
     assert_eq!(not_done(&world), 1);
 }
+
+/// Who ends a site that is being ended already waits for the same, and switches nothing twice.
+#[test]
+fn the_end_of_the_site_comes_once_however_often_it_is_asked_for() {
+    for (after, is_dead) in [0, 1, 300, 1_000, 1_399, 1_401, 2_000, 2_500]
+        .into_iter()
+        .flat_map(|after| [(after, false), (after, true)])
+    {
+        let mut world = heated(&site_of(3, 4, EXIT));
+        let pulse = Pulse {
+            width: Some(ms(60_000)),
+            ..Pulse::default()
+        };
+        world.pulse("li", ("kiln", 2), pulse);
+        world.pass(ms(300));
+        world.dead("kiln", is_dead);
+        world.dead("oven", is_dead);
+        let tried = world.log.len();
+        let first = world.close();
+        world.pass(ms(after));
+        let second = world.close();
+        world.pass(ms(10_000));
+        let ends = [first, second].map(|end| end.get().unwrap().0);
+        let exits = world
+            .log
+            .iter()
+            .skip(tried)
+            .filter(|one| one.who == "on_exit");
+        assert_eq!(exits.count(), 1, "{after} {is_dead}");
+        assert_eq!(not_done(&world), usize::from(is_dead), "{after} {is_dead}");
+        assert!(ends[0] <= ends[1], "{after} {is_dead}: {ends:?}");
+    }
+}
