@@ -192,8 +192,18 @@ impl Once {
             }
             Ok(answer)
         };
-        let ended = slot.get_or_try_init(begin).await?;
-        ended.clone().ok_or(KeyRefusal::Begun)
+        let ended = slot.get_or_try_init(begin).await.cloned();
+        let ended = ended.inspect_err(|_| self.forget(&slot))?;
+        ended.ok_or(KeyRefusal::Begun)
+    }
+
+    /// A command that could not begin needs no key any more, unless another caller waits for it:
+    /// it must not push out those that began.
+    fn forget(&self, slot: &Slot) {
+        let mut known = lock(&self.known);
+        // Others come by the table only, which is locked: its own and this.
+        let is_needed = slot.initialized() || Arc::strong_count(slot) > 2;
+        known.retain(|one| is_needed || !Arc::ptr_eq(&one.slot, slot));
     }
 
     /// The slot for the result of the command under this key.

@@ -341,6 +341,24 @@ async fn without_a_disk_nothing_is_done_under_a_key() {
     std::fs::remove_file(&place.0).unwrap();
 }
 
+/// Whatever is refused meanwhile: what was carried out is not carried out again after it.
+#[tokio::test]
+async fn a_disk_that_refuses_for_long_makes_no_key_forgotten() {
+    let place = Place::new("refuses");
+    let keys = place.keys();
+    ask(&keys, "a", "li", "k1", "1").await.unwrap();
+    let file = Arc::clone(keys.file.as_ref().unwrap());
+    let read_only = File::open(place.0.join(NAME)).unwrap();
+    let whole = std::mem::replace(&mut lock(&file).file, read_only);
+    for number in 0..=KEYS_MAX {
+        let refused = ask(&keys, &number.to_string(), "li", "k1", "2").await;
+        assert!(matches!(refused, Err(KeyRefusal::NotKept(_))));
+    }
+    lock(&file).file = whole;
+    let again = ask(&keys, "a", "li", "k1", "2").await;
+    assert_eq!(again, Ok(told("1")));
+}
+
 #[tokio::test]
 async fn a_key_has_a_length() {
     let place = Place::new("length");
