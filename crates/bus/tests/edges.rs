@@ -461,8 +461,8 @@ fn a_command_expires_though_the_driver_comes_late() {
     assert!(line.frames.is_empty(), "{:?}", line.frames);
 }
 
-/// A command that was under way to the line for too long is not sent, and what expires while another
-/// one is handed in is not sent before that.
+/// A command that was under way to the line for too long is not sent, and neither is one that
+/// expires while another one is handed in.
 #[test]
 fn a_command_that_is_handed_in_too_late_is_not_sent() {
     for (left, is_sent) in [(0, false), (1, true)] {

@@ -375,8 +375,8 @@ mod tests {
         let _ = std::fs::remove_dir_all(folder);
     }
 
-    /// A caller who asked for a line and goes away while the grant waits for the log, behind the end
-    /// of a pulse: the line comes back.
+    /// A caller who asked for a line goes away while the grant waits for the log, behind the end of
+    /// a pulse: the line comes back.
     #[tokio::test]
     async fn a_line_that_was_granted_to_a_caller_who_has_gone_comes_back() {
         let (port, _boards) = board::start().await;
