@@ -311,6 +311,37 @@ mod tests {
         let _ = std::fs::remove_dir_all(folder);
     }
 
+    /// One that takes what is written and can't make it durable, and one that takes nothing.
+    #[test]
+    fn what_the_disk_refuses_is_not_told_as_done() {
+        let folder = std::env::temp_dir().join(format!("railbus-log-no-{}", std::process::id()));
+        let _ = std::fs::remove_dir_all(&folder);
+        let (mut tail, _) = Tail::open(&folder).unwrap();
+        let reach = Mutex::new(tail.reach.clone());
+        let nowhere = Path::new("/dev/null");
+        let unsynced = std::fs::File::options().write(true).open(nowhere);
+        let read_only = std::fs::File::open(nowhere);
+        for (file, ends_are_written) in [(unsynced, true), (read_only, false)] {
+            tail.writes_to(file.unwrap());
+            let (told, ends) = mpsc::channel();
+            let job = |durable| {
+                let told = told.clone();
+                let then = move |end: Result<(), NotWritten>| told.send((durable, end)).unwrap();
+                let (record, waiting) = (AuditRecord::Stop, Waiting::new(Box::new(then)));
+                Job {
+                    record,
+                    durable,
+                    waiting,
+                }
+            };
+            commit(&mut tail, vec![job(true), job(false)], &reach);
+            let written = ends_are_written.then_some(()).ok_or(NotWritten);
+            let all: Vec<_> = ends.try_iter().collect();
+            assert_eq!(all, [(false, written), (true, Err(NotWritten))]);
+        }
+        let _ = std::fs::remove_dir_all(folder);
+    }
+
     #[test]
     fn what_finds_no_room_is_counted_and_nobody_waits_for_it() {
         let (log, folder) = opened("lost");

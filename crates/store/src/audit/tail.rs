@@ -220,6 +220,12 @@ impl Tail {
         self.forget_after(reach.len);
         self.reach = reach;
     }
+
+    /// It is written there from now on.
+    #[cfg(test)]
+    pub(super) fn writes_to(&mut self, file: File) {
+        self.file = file;
+    }
 }
 
 /// How far the log of a folder reaches, according to its head.
