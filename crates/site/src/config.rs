@@ -21,6 +21,7 @@ mod ranges;
 mod read;
 mod rules;
 mod units;
+mod values;
 mod webhook;
 
 pub use control::{

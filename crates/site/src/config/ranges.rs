@@ -1,6 +1,7 @@
 //! Reads the ranges of analog inputs.
 
-use super::read::{Reader, Section, as_number};
+use super::read::{Reader, Section};
+use super::values::as_number;
 use super::{Kind, Range, Standard};
 use toml::de::DeValue;
 
