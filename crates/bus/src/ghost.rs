@@ -6,6 +6,8 @@
 //! taken for another module's, nor for a newer one.
 
 use crate::ModuleId;
+use alloc::vec;
+use alloc::vec::Vec;
 use core::ops::Range;
 use railbus_wire::{Decoded, Exchange, Instant, Micros, Reply, Response};
 
@@ -62,7 +64,9 @@ impl Ghost {
 /// The ghosts of a line.
 #[derive(Debug)]
 pub(crate) struct Ghosts {
-    slots: [Option<Ghost>; GHOSTS_MAX],
+    /// As many as there may be. On the heap, because whoever drives the line holds it: with all of
+    /// this in it, its stack would be nine pages at each wake-up.
+    slots: Vec<Option<Ghost>>,
     /// The number of ghosts: zero on a good line, which then spends no time here.
     count: usize,
     /// Until when modules may still answer what a fence has ended: the next user of the port can't
@@ -73,9 +77,9 @@ pub(crate) struct Ghosts {
 }
 
 impl Ghosts {
-    pub(crate) const fn new(kept: bool) -> Ghosts {
+    pub(crate) fn new(kept: bool) -> Ghosts {
         Ghosts {
-            slots: [None; GHOSTS_MAX],
+            slots: vec![None; GHOSTS_MAX],
             count: 0,
             ended: None,
             kept,
@@ -93,7 +97,7 @@ impl Ghosts {
     }
 
     pub(crate) fn clear(&mut self) {
-        self.slots = [None; GHOSTS_MAX];
+        self.slots.fill(None);
         self.count = 0;
         self.ended = None;
     }
