@@ -70,7 +70,7 @@ impl Bus {
             };
             let job = Job::Fence { module, op };
             let is_like = ghost.is_some_and(|ghost| !exchange.stands_apart(&ghost.exchange));
-            if is_like && (by_polls || op == Op::Fence) || self.is_unsafe_for(job, &exchange) {
+            if is_like && (by_polls || op == Op::Fence) || self.is_unsafe_for(&job, &exchange) {
                 continue;
             }
             let (since, job) = match self.ghosts.first_like(&exchange) {
@@ -106,7 +106,7 @@ impl Bus {
             true => self.ghosts.take_first_like(&flight.exchange),
             false => self.ghosts.first_like(&flight.exchange).copied(),
         };
-        if flight.job.op() == Op::Fence {
+        if matches!(flight.job.op(), Op::Fence) {
             if is_refused {
                 self.refused_fence(flight, module);
             } else {

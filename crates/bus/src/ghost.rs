@@ -111,7 +111,15 @@ impl Ghosts {
     /// Requests to other modules are lost too if their time to answer was over by then, unless
     /// their reply is held back on its way: this is assumed only for ghosts that would block all
     /// others, and when there is little room left.
+    #[inline]
     pub(crate) fn end_before(&mut self, module: ModuleId, asked: Instant) {
+        if !self.is_empty() {
+            self.end_some_before(module, asked);
+        }
+    }
+
+    #[cold]
+    fn end_some_before(&mut self, module: ModuleId, asked: Instant) {
         let is_crowded = self.is_crowded();
         let mut ended = self.ended;
         self.retain(|ghost| {
@@ -251,20 +259,24 @@ impl Ghosts {
     /// Whether the reply found at this place shares bytes with a reply that is, or may become, a
     /// ghost's: LC-02 data may contain what an ASCII module says, and where a late reply runs into
     /// another one, the checksum of both may match.
+    #[inline]
     pub(crate) fn overlaps(&self, bytes: &[u8], reply: Range<usize>) -> bool {
-        self.count > 0
-            && self
-                .iter()
-                .any(|ghost| match ghost.exchange.find_response(bytes) {
-                    (at, Decoded::Whole { len, .. }) => {
-                        at != reply.start && at < reply.end && reply.start < at + len
-                    }
-                    // Fewer bytes than a head can't be told apart.
-                    (at, Decoded::Partial { .. }) => {
-                        at < reply.start || at > reply.start && at + HEAD < reply.end
-                    }
-                    (_, Decoded::Malformed(_)) => false,
-                })
+        !self.is_empty() && self.any_overlaps(bytes, reply)
+    }
+
+    #[cold]
+    fn any_overlaps(&self, bytes: &[u8], reply: Range<usize>) -> bool {
+        self.iter()
+            .any(|ghost| match ghost.exchange.find_response(bytes) {
+                (at, Decoded::Whole { len, .. }) => {
+                    at != reply.start && at < reply.end && reply.start < at + len
+                }
+                // Fewer bytes than a head can't be told apart.
+                (at, Decoded::Partial { .. }) => {
+                    at < reply.start || at > reply.start && at + HEAD < reply.end
+                }
+                (_, Decoded::Malformed(_)) => false,
+            })
     }
 
     /// Removes the ghost whose reply is in these bytes.

@@ -354,10 +354,15 @@ impl Bus {
     }
 
     /// Looks for late replies among the received bytes, and drops those bytes.
+    #[inline]
     fn take_late_replies(&mut self) {
-        if self.rx.heard().is_empty() {
-            return;
+        if !self.rx.heard().is_empty() {
+            self.take_late_replies_heard();
         }
+    }
+
+    #[cold]
+    fn take_late_replies_heard(&mut self) {
         if let Some(met) = self.ghosts.take_reply(self.rx.heard()) {
             self.rx.forget();
             self.on_late_reply(met);

@@ -262,7 +262,9 @@ impl RxBuffer {
     pub(crate) fn cut(&mut self, skip: usize, len: usize) {
         let from = (self.reply_from() + skip).min(self.len);
         let to = (from + len).min(self.len);
-        self.buffer.copy_within(to..self.len, from);
+        if to < self.len {
+            self.buffer.copy_within(to..self.len, from);
+        }
         self.len -= to - from;
     }
 

@@ -150,7 +150,7 @@ impl Bus {
                 return Some(search.again.map_or(ready, |again| again.min(ready)));
             }
             self.mark(work);
-            if !self.is_unsafe_for(work.job, &work.exchange) {
+            if !self.is_unsafe_for(&work.job, &work.exchange) {
                 self.settings = work.settings;
                 return Some(self.start(work.job, work.exchange, work.timeout));
             }
@@ -615,17 +615,20 @@ impl Bus {
 
     /// Whether modules of another protocol on this line could take the frame for a command.
     fn is_unsafe(&self, exchange: &Exchange<'_>) -> bool {
-        self.is_unsafe_for(Job::Probe { clear: false }, exchange)
+        self.is_unsafe_for(&Job::Probe { clear: false }, exchange)
     }
 
     /// The same for the frame as it is sent for a job.
-    pub(crate) fn is_unsafe_for(&self, job: Job, exchange: &Exchange<'_>) -> bool {
-        if !self.mixed {
-            return false;
-        }
+    #[inline]
+    pub(crate) fn is_unsafe_for(&self, job: &Job, exchange: &Exchange<'_>) -> bool {
+        self.mixed && self.is_foreign_command(job, exchange)
+    }
+
+    #[inline(never)]
+    fn is_foreign_command(&self, job: &Job, exchange: &Exchange<'_>) -> bool {
         let own = exchange.protocol();
         let mut frame = railbus_wire::Frame::new();
-        write_frame(&job, exchange, &mut frame);
+        write_frame(job, exchange, &mut frame);
         let is_spoken = |other: &Protocol| {
             let mut modules = self.modules.iter();
             modules.any(|state| !state.retired && state.module.setup().protocol == *other)
@@ -635,6 +638,7 @@ impl Bus {
     }
 
     /// Ends commands that have timed out.
+    #[inline]
     pub(crate) fn expire_commands(&mut self) {
         let now = self.now;
         if self.next_expiry().is_none_or(|at| at > now) {
@@ -647,10 +651,17 @@ impl Bus {
     }
 
     /// When the next waiting command times out.
+    #[inline]
     pub(crate) fn next_expiry(&self) -> Option<Instant> {
         if self.commands.is_empty() {
             return None;
         }
+        self.first_expiry()
+    }
+
+    // On its own, because it is asked at each step, mostly while no command waits.
+    #[inline(never)]
+    fn first_expiry(&self) -> Option<Instant> {
         self.commands
             .iter()
             .filter_map(Command::time_is_up_at)
