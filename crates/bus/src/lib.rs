@@ -255,8 +255,12 @@ impl Bus {
 
     /// The next thing to do; [`Output::Wait`] when there is nothing more.
     pub fn poll(&mut self) -> Output<'_> {
-        if let Some(event) = self.next_event() {
+        if let Some(event) = self.events.next() {
             return Output::Event(event);
+        }
+        if let Some(lost) = self.events.take_lost() {
+            self.read_all_again();
+            return Output::Event(Event::Overflow { lost });
         }
         let next = match &self.state {
             State::Closed => None,
@@ -265,7 +269,7 @@ impl Bus {
             State::Idle => {
                 let next = self.start_next();
                 if self.outgoing_taken
-                    && let Some(event) = self.next_event()
+                    && let Some(event) = self.events.next()
                 {
                     return Output::Event(event);
                 }
@@ -283,16 +287,6 @@ impl Bus {
             (Some(expiry), Some(next)) => Some(expiry.min(next)),
             (expiry, next) => expiry.or(next),
         })
-    }
-
-    fn next_event(&mut self) -> Option<Event> {
-        let event = self.events.next();
-        if event.is_some() {
-            return event;
-        }
-        let lost = self.events.take_lost()?;
-        self.read_all_again();
-        Some(Event::Overflow { lost })
     }
 
     fn open(&mut self) {
@@ -448,17 +442,17 @@ impl Bus {
             self.suspect_echo(news);
         }
         let heard = self.rx.reply();
-        let missing = match flight.exchange.find_response(heard) {
-            (skip, Decoded::Whole { len, value })
+        let missing = match &flight.exchange.find_response(heard) {
+            &(skip, Decoded::Whole { len, ref value })
                 if !self
                     .ghosts
                     .overlaps(heard, skip..skip + doubtful(&flight.exchange, len)) =>
             {
-                let outcome = self.interpret(&flight, &value);
-                let in_order = shows_order(&flight, &value);
+                let outcome = self.interpret(&flight, value);
+                let in_order = shows_order(&flight, value);
                 return self.answered(&flight, (skip, len), outcome, in_order);
             }
-            (_, Decoded::Partial { more }) => more,
+            (_, Decoded::Partial { more }) => *more,
             _ if heard.is_empty() => return,
             // Another module, or noise: the reply may still follow.
             (_, Decoded::Malformed(_) | Decoded::Whole { .. }) => {
@@ -616,12 +610,13 @@ impl Bus {
     }
 
     /// Starts an exchange; returns when its reply times out.
-    fn start(&mut self, job: Job, exchange: Exchange<'static>, timeout: Micros) -> Instant {
-        write_frame(&job, &exchange, &mut self.outgoing);
+    fn start(&mut self, job: &Job, exchange: &Exchange<'static>, timeout: Micros) -> Instant {
+        write_frame(job, exchange, &mut self.outgoing);
         self.outgoing_taken = false;
+        let expects_reply = exchange.expects_reply();
         // A frame that gets no reply must be given its time on the wire, even where it is buffered.
         let sent = match self.config.medium {
-            Medium::Buffered if exchange.expects_reply() => self.now,
+            Medium::Buffered if expects_reply => self.now,
             _ => self.now + self.settings.frame_time(self.outgoing.bytes().len()),
         };
         if self.rx.prepare(self.now, self.busy_until) {
@@ -629,13 +624,13 @@ impl Bus {
         }
         self.busy_until = sent;
         self.at_rest = false;
-        let deadline = if exchange.expects_reply() {
-            sent + timeout + self.wire_time(&exchange)
+        let deadline = if expects_reply {
+            sent + timeout + self.wire_time(exchange)
         } else {
             sent
         };
         let asked = self.now;
-        self.state = State::Waiting(InFlight::new(job, exchange, (asked, sent, deadline)));
+        self.state = State::Waiting(InFlight::new(*job, *exchange, (asked, sent, deadline)));
         deadline
     }
 

@@ -152,7 +152,7 @@ impl Bus {
             self.mark(work);
             if !self.is_unsafe_for(&work.job, &work.exchange) {
                 self.settings = work.settings;
-                return Some(self.start(work.job, work.exchange, work.timeout));
+                return Some(self.start(&work.job, &work.exchange, work.timeout));
             }
             self.refuse(work.job);
         }
