@@ -99,6 +99,7 @@ impl Publisher {
     }
 
     /// Adds an event to those of this wake-up.
+    #[inline]
     pub(crate) fn publish(&mut self, event: &Event) {
         if self.observer.is_some() || self.events.receiver_count() > 0 {
             self.waiting.push(LineEvent::Bus(*event));
@@ -130,8 +131,15 @@ impl Publisher {
             observer(&self.waiting);
         }
         if self.events.receiver_count() == 0 {
-            return self.waiting.clear();
+            self.waiting.clear();
+        } else {
+            self.pass_on();
         }
+    }
+
+    // On its own, because most lines are only observed.
+    #[inline(never)]
+    fn pass_on(&mut self) {
         for event in self.waiting.drain(..) {
             if !matches!(event, LineEvent::Ended(..)) {
                 // Fails if the last receiver has just gone.

@@ -194,7 +194,15 @@ impl PendingCalls {
     }
 
     /// A module reported something.
-    pub(crate) fn seen(&mut self, module: ModuleId, op: &Op, seen: Observation, asked: Instant) {
+    #[inline]
+    pub(crate) fn seen(&mut self, module: ModuleId, op: &Op, seen: &Observation, asked: Instant) {
+        if !self.runs.is_empty() {
+            self.seen_by_runs(module, op, *seen, asked);
+        }
+    }
+
+    #[inline(never)]
+    fn seen_by_runs(&mut self, module: ModuleId, op: &Op, seen: Observation, asked: Instant) {
         for run in self.runs.iter_mut().filter(|run| run.module == module) {
             let answers = if run.op.is_read() {
                 run.op == *op
@@ -308,13 +316,13 @@ mod tests {
     fn a_read_gets_what_was_seen_last_of_its_own_module_and_op() {
         let (mut pending, mut end) = pending_with(Op::ReadOutputs);
         let at = Instant(50);
-        pending.seen(ModuleId(1), &Op::ReadOutputs, outputs(1), at);
-        pending.seen(ModuleId(1), &Op::ReadOutputs, outputs(2), at);
-        pending.seen(ModuleId(0), &Op::ReadOutputs, outputs(3), at);
+        pending.seen(ModuleId(1), &Op::ReadOutputs, &outputs(1), at);
+        pending.seen(ModuleId(1), &Op::ReadOutputs, &outputs(2), at);
+        pending.seen(ModuleId(0), &Op::ReadOutputs, &outputs(3), at);
         pending.seen(
             ModuleId(1),
             &Op::ReadAnalogs,
-            Observation::Analogs([1, 2]),
+            &Observation::Analogs([1, 2]),
             at,
         );
         let end_of = (Ok(Confirmed::Reply), Micros(5));
@@ -333,7 +341,7 @@ mod tests {
             (Confirmed::Sent, 105, None),
         ] {
             let (mut pending, mut end) = pending_with(Op::Toggle(4));
-            pending.seen(ModuleId(1), &Op::ReadOutputs, outputs(4), Instant(asked));
+            pending.seen(ModuleId(1), &Op::ReadOutputs, &outputs(4), Instant(asked));
             let end_of = (Ok(confirmed), Micros(5));
             pending.end(Ticket(7), end_of, &mut Publisher::new(None));
             assert_eq!(end.try_recv().unwrap().unwrap().seen, seen);

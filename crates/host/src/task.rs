@@ -226,7 +226,7 @@ impl<P: Port> Task<P> {
         let probe_was_sent = !self.bus.withdraw_probe();
         self.handle(self.alarm.now(), Input::Closed);
         while let Output::Event(event) = self.bus.poll() {
-            self.on_event(event);
+            self.on_event(&event);
         }
         self.pending.clear(probe_was_sent, &mut self.publisher);
         self.publisher.flush();
@@ -300,7 +300,7 @@ impl<P: Port> Task<P> {
                         settings,
                     };
                 }
-                Output::Event(event) => self.on_event(event),
+                Output::Event(event) => self.on_event(&event),
                 Output::Wait(at) => return Ok(self.wake_at(at)),
             }
         }
@@ -358,8 +358,8 @@ impl<P: Port> Task<P> {
 
     /// The observer has all events before a caller gets its result: a read after a write sees the
     /// write.
-    fn on_event(&mut self, event: Event) {
-        self.publisher.publish(&event);
+    fn on_event(&mut self, event: &Event) {
+        self.publisher.publish(event);
         match event {
             Event::Seen {
                 module,
@@ -367,22 +367,24 @@ impl<P: Port> Task<P> {
                 seen,
                 asked,
                 ..
-            } => self.pending.seen(module, &op, seen, asked),
+            } => self.pending.seen(*module, op, seen, *asked),
             Event::Done { ticket, end, took } => {
-                self.pending.end(ticket, (end, took), &mut self.publisher);
+                self.pending
+                    .end(*ticket, (*end, *took), &mut self.publisher);
             }
             Event::ProbedLate {
                 exchange,
                 after,
                 again,
             } => self.pending.late(LateReply {
-                exchange,
-                after,
-                again,
+                exchange: *exchange,
+                after: *after,
+                again: *again,
             }),
             Event::Probed { outcome, after } => {
                 self.publisher.flush();
-                self.pending.end_probe(outcome, after, self.bus.took_echo());
+                self.pending
+                    .end_probe(*outcome, *after, self.bus.took_echo());
             }
             Event::Overflow { .. } => self.publish_presence(),
             _ => {}
