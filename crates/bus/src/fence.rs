@@ -97,25 +97,25 @@ impl Bus {
         let Some(module) = flight.job.module() else {
             return true;
         };
-        let is_refused = flight.is_fence() && !in_order;
+        if self.ghosts.is_empty() {
+            self.note_fence(flight, module, in_order);
+            return true;
+        }
+        self.is_own_among_ghosts(flight, module, in_order)
+    }
+
+    #[cold]
+    fn is_own_among_ghosts(&mut self, flight: &InFlight, module: ModuleId, in_order: bool) -> bool {
         // Another module, asked earlier, may answer later until its time is over.
         let like = self.ghosts.first_like(&flight.exchange);
-        let in_order = in_order
+        let ends_older = in_order
             && like.is_none_or(|like| like.module == Some(module) || like.late <= flight.asked);
-        let first = match in_order {
+        let first = match ends_older {
             true => self.ghosts.take_first_like(&flight.exchange),
             false => self.ghosts.first_like(&flight.exchange).copied(),
         };
-        if matches!(flight.job.op(), Op::Fence) {
-            if is_refused {
-                self.refused_fence(flight, module);
-            } else {
-                self.answered_fence(module);
-            }
-        } else if let Some(state) = self.modules.get_mut(module.0) {
-            state.answered_no_fence();
-        }
-        match (first, in_order) {
+        self.note_fence(flight, module, in_order);
+        match (first, ends_older) {
             (None, true) => self.ghosts.end_before(module, flight.asked),
             // A reply that names no module is enough to end fences.
             (None, false) => self.ghosts.end_fences_before(module, flight.asked),
@@ -127,6 +127,19 @@ impl Bus {
             (Some(_), false) => {}
         }
         first.is_none() || flight.is_fence()
+    }
+
+    /// Notes whether the module answered [`Op::Fence`].
+    fn note_fence(&mut self, flight: &InFlight, module: ModuleId, in_order: bool) {
+        if matches!(flight.job.op(), Op::Fence) {
+            if flight.is_fence() && !in_order {
+                self.refused_fence(flight, module);
+            } else {
+                self.answered_fence(module);
+            }
+        } else if let Some(state) = self.modules.get_mut(module.0) {
+            state.answered_no_fence();
+        }
     }
 
     /// The request becomes a ghost: its reply may still come.

@@ -104,7 +104,9 @@ impl Ghosts {
 
     pub(crate) fn expire(&mut self, now: Instant) {
         self.retain(|ghost| ghost.until > now);
-        self.ended = self.ended.filter(|late| *late > now);
+        if self.ended.is_some_and(|late| late <= now) {
+            self.ended = None;
+        }
     }
 
     /// A module answered a request of this moment. Its earlier requests are answered or lost.

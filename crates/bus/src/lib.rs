@@ -421,6 +421,7 @@ impl Bus {
         }
     }
 
+    #[inline]
     fn note_answer(&mut self, module: ModuleId, turnaround: Micros) {
         let Some(state) = self.modules.get_mut(module.0) else {
             return;
