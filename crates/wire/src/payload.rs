@@ -102,11 +102,8 @@ impl<'a> Bits<'a> {
     #[must_use]
     #[inline]
     pub fn to_mask(&self) -> u32 {
-        let mut low = [0; 4];
-        for (to, from) in low.iter_mut().zip(self.bytes()) {
-            *to = *from;
-        }
-        let mask = u32::from_le_bytes(low);
+        let low = self.bytes().iter().take(4).rev();
+        let mask = low.fold(0, |mask, byte| mask << 8 | u32::from(*byte));
         if self.count < 32 {
             mask & ((1 << self.count) - 1)
         } else {
