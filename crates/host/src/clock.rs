@@ -26,8 +26,7 @@ pub(crate) struct Clock {
 impl Clock {
     /// Rounded down: an alarm set for `now() + gap` is never early by it.
     pub(crate) fn now(self) -> Instant {
-        let elapsed = self.origin.elapsed();
-        Instant(elapsed.as_secs() * 1_000_000 + u64::from(elapsed.subsec_micros()))
+        Instant(self.origin.elapsed().as_micros() as u64)
     }
 }
 
