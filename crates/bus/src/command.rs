@@ -2,7 +2,7 @@
 
 use crate::event::Events;
 use crate::module_state::ModuleState;
-use crate::{Confirmed, Event, Evidence, Fault, ModuleId, Ticket};
+use crate::{Confirmation, Event, Evidence, Fault, ModuleId, Ticket};
 use alloc::collections::VecDeque;
 use railbus_device::{Bank, Op};
 use railbus_wire::{Instant, Micros};
@@ -122,7 +122,7 @@ impl Command {
         &mut self,
         state: &ModuleState,
         outputs: Bank,
-    ) -> Option<Result<Confirmed, Fault>> {
+    ) -> Option<Result<Confirmation, Fault>> {
         let Stage::ReadBack(reads) = self.stage else {
             return None;
         };
@@ -137,7 +137,7 @@ impl Command {
         let seen = outputs.mask & want.mask;
         let wrong = (outputs.on ^ want.on) & seen;
         if seen == want.mask && wrong == 0 {
-            return Some(Ok(Confirmed::Readback));
+            return Some(Ok(Confirmation::Readback));
         }
         let pulses = state.pulses();
         self.wrong = wrong & !(pulses.unwrap_or(0) & want.on);
@@ -180,14 +180,14 @@ impl Command {
 
     /// The module was asked which outputs give pulses, and answered unless it was silent: a
     /// mismatch may be a pulse that has ended, and then only the reply confirms the command.
-    pub(crate) fn pulses_known(&mut self, pulses: u32) -> Option<Result<Confirmed, Fault>> {
+    pub(crate) fn pulses_known(&mut self, pulses: u32) -> Option<Result<Confirmation, Fault>> {
         let want = bank_of(&self.op).filter(|_| core::mem::take(&mut self.asks_pulses))?;
         self.wrong &= !(pulses & want.on);
         (self.wrong == 0).then(|| self.end_by_reply())
     }
 
     /// The end when another model answers at the address.
-    pub(crate) const fn end_by_other_model(&self) -> Result<Confirmed, Fault> {
+    pub(crate) const fn end_by_other_model(&self) -> Result<Confirmation, Fault> {
         let sent = !self.is_unsent() && !self.op.is_read();
         Err(Fault::OtherModel { sent })
     }
@@ -203,7 +203,7 @@ impl Command {
 
     /// The end when it times out: a command never sent did nothing, one waiting to be resent may
     /// have acted.
-    pub(crate) fn end_by_time(&self) -> Result<Confirmed, Fault> {
+    pub(crate) fn end_by_time(&self) -> Result<Confirmation, Fault> {
         match self.stage {
             Stage::Queued if self.is_unsent() => Err(Fault::Expired),
             Stage::Queued => Err(self.lost()),
@@ -212,12 +212,12 @@ impl Command {
     }
 
     /// The end when nothing more can be read back. A mismatch read before means not verified.
-    pub(crate) fn end_by_reply(&self) -> Result<Confirmed, Fault> {
+    pub(crate) fn end_by_reply(&self) -> Result<Confirmation, Fault> {
         match (
             self.acknowledged,
             self.denied || self.unidentified || self.wrong != 0,
         ) {
-            (true, false) => Ok(Confirmed::Reply),
+            (true, false) => Ok(Confirmation::Reply),
             (true, true) => Err(Fault::NotVerified),
             (false, _) => Err(self.lost()),
         }
@@ -229,7 +229,7 @@ impl Command {
         &mut self,
         refused: Fault,
         reads_back: bool,
-    ) -> Option<Result<Confirmed, Fault>> {
+    ) -> Option<Result<Confirmation, Fault>> {
         if self.evidence.attempts <= 1 {
             return Some(Err(refused));
         }
@@ -252,7 +252,7 @@ pub(crate) fn end_commands(
     commands: &mut VecDeque<Command>,
     events: &mut Events,
     now: Instant,
-    mut end: impl FnMut(&mut Command) -> Option<Result<Confirmed, Fault>>,
+    mut end: impl FnMut(&mut Command) -> Option<Result<Confirmation, Fault>>,
 ) {
     let mut index = 0;
     while let Some(command) = commands.get_mut(index) {

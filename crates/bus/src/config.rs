@@ -28,7 +28,7 @@ pub enum Medium {
 
 /// What is known of earlier users of the port.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Past {
+pub enum PortHistory {
     /// Nothing: replies to their recent requests may still arrive.
     #[default]
     Unknown,

@@ -14,7 +14,7 @@ pub struct Ticket(pub u64);
 
 /// How a command was confirmed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Confirmed {
+pub enum Confirmation {
     /// The state was read back and matches.
     Readback,
     /// The module acknowledged.
@@ -181,7 +181,7 @@ pub enum Event {
         /// Which command.
         ticket: Ticket,
         /// How it ended.
-        end: Result<Confirmed, Fault>,
+        end: Result<Confirmation, Fault>,
         /// From submission to the last byte of its own reply, without the read-back.
         took: Micros,
     },

@@ -4,7 +4,7 @@
 use crate::command::{Stage, end_commands};
 use crate::in_flight::InFlight;
 use crate::module_state::{LATE_MIN, ModuleState};
-use crate::{Bus, Confirmed, Event, Evidence, ModuleId};
+use crate::{Bus, Confirmation, Event, Evidence, ModuleId};
 use railbus_device::{Observation, Op};
 use railbus_wire::Instant;
 
@@ -225,7 +225,7 @@ impl Bus {
         end_commands(&mut self.commands, &mut self.events, self.now, |command| {
             let waits = command.module == module && command.stage == Stage::Queued;
             let is_it = command.op == reading.op && command.submitted <= reading.asked;
-            (waits && is_it).then_some(Ok(Confirmed::Reply))
+            (waits && is_it).then_some(Ok(Confirmation::Reply))
         });
     }
 
@@ -246,9 +246,8 @@ impl Bus {
             }
             match command.op {
                 // A command for just that has its answer.
-                Op::Identify => {
-                    (is_settled && command.stage == Stage::Queued).then_some(Ok(Confirmed::Reply))
-                }
+                Op::Identify => (is_settled && command.stage == Stage::Queued)
+                    .then_some(Ok(Confirmation::Reply)),
                 _ => is_other_model.then(|| command.end_by_other_model()),
             }
         });

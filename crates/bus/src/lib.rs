@@ -43,9 +43,9 @@ mod rx_buffer;
 mod schedule;
 mod silent;
 
-pub use config::{Config, EchoMode, Medium, Past, Plan, Terms};
+pub use config::{Config, EchoMode, Medium, Plan, PortHistory, Terms};
 use event::Events;
-pub use event::{Confirmed, Event, Evidence, Fault, LateReply, Presence, Probed, Ticket};
+pub use event::{Confirmation, Event, Evidence, Fault, LateReply, Presence, Probed, Ticket};
 pub use module_state::{LATE_MIN, MISSES_SILENT};
 pub use schedule::COMMANDS_MAX;
 
@@ -119,7 +119,7 @@ pub struct Bus {
     /// The line was idle when it was opened, and has been since.
     at_rest: bool,
     /// What is known of earlier users of the port, as long as it matters.
-    past: Past,
+    past: PortHistory,
     /// When it was opened.
     opened: Instant,
     /// When the next silent module may be probed.
@@ -164,7 +164,7 @@ impl Bus {
             settings: Settings::FACTORY,
             busy_until: Instant(0),
             at_rest: false,
-            past: Past::Unknown,
+            past: PortHistory::Unknown,
             opened: Instant(0),
             probe_silent_at: Instant(0),
             next_silent: 0,
@@ -223,8 +223,8 @@ impl Bus {
     }
 
     /// Sets what is known of earlier users of the port, before it is opened.
-    pub const fn found(&mut self, past: Past) {
-        self.at_rest = matches!(past, Past::Rested);
+    pub const fn found(&mut self, past: PortHistory) {
+        self.at_rest = matches!(past, PortHistory::Rested);
         self.past = past;
     }
 
@@ -291,9 +291,9 @@ impl Bus {
 
     fn open(&mut self) {
         let settle = match self.past {
-            Past::Rested => Micros::ZERO,
-            Past::Unknown => self.config.settle,
-            Past::Abandoned => LATE_MIN,
+            PortHistory::Rested => Micros::ZERO,
+            PortHistory::Unknown => self.config.settle,
+            PortHistory::Abandoned => LATE_MIN,
         };
         self.state = State::Settling(self.now + settle);
         self.ghosts.clear();
@@ -537,7 +537,7 @@ impl Bus {
         if self.rx.fell_silent() {
             self.events.push(Event::Quiet);
         }
-        let is_inherited = self.past == Past::Abandoned && self.is_inherited();
+        let is_inherited = self.past == PortHistory::Abandoned && self.is_inherited();
         if is_inherited {
             self.rx.forget();
             self.add_ghost(flight);
@@ -589,7 +589,7 @@ impl Bus {
     #[cold]
     fn is_inherited(&mut self) -> bool {
         if self.now > self.opened + HELD_BACK_MAX {
-            self.past = Past::Unknown;
+            self.past = PortHistory::Unknown;
             return false;
         }
         !self.rx.heard().is_empty()
@@ -600,7 +600,7 @@ impl Bus {
         self.state = State::Idle;
         match flight.job {
             Job::Command { module, .. } => {
-                self.end_sent_commands(module, |_| Some(Ok(Confirmed::Sent)))
+                self.end_sent_commands(module, |_| Some(Ok(Confirmation::Sent)))
             }
             Job::Poll { .. } | Job::ReadBack { .. } | Job::OnOnline { .. } | Job::Fence { .. } => {}
             Job::Probe { .. } => self.events.push(Event::Probed {

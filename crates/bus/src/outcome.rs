@@ -4,7 +4,7 @@ use crate::command::{self, Command, Stage, bank_of, end_commands};
 use crate::in_flight::{InFlight, Job};
 use crate::module_state::{LATE_MIN, ModuleState, Reading};
 use crate::rx_buffer::is_own_reply;
-use crate::{Bus, Confirmed, Event, Evidence, Fault, ModuleId, Presence, Probed};
+use crate::{Bus, Confirmation, Event, Evidence, Fault, ModuleId, Presence, Probed};
 use railbus_device::{Bank, Observation, Op};
 use railbus_wire::Malformed;
 
@@ -121,7 +121,7 @@ impl Bus {
                 command.stage = Stage::ReadBack(0);
                 return None;
             }
-            Some(Ok(Confirmed::Reply))
+            Some(Ok(Confirmation::Reply))
         });
     }
 
@@ -257,7 +257,7 @@ impl Bus {
     pub(crate) fn end_sent_commands(
         &mut self,
         module: ModuleId,
-        mut change: impl FnMut(&mut Command) -> Option<Result<Confirmed, Fault>>,
+        mut change: impl FnMut(&mut Command) -> Option<Result<Confirmation, Fault>>,
     ) {
         end_commands(&mut self.commands, &mut self.events, self.now, |command| {
             let sent = command.module == module && command.stage == Stage::Sent;

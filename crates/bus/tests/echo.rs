@@ -4,7 +4,8 @@
 mod support;
 
 use railbus_bus::{
-    Bus, Config, Confirmed, EchoMode, Event, Fault, Input, Medium, ModuleId, Plan, Presence, Terms,
+    Bus, Config, Confirmation, EchoMode, Event, Fault, Input, Medium, ModuleId, Plan, Presence,
+    Terms,
 };
 use railbus_device::{Bank, Eeprom, Engine, Family, Module, Op, Options, Setup};
 use railbus_wire::{Address, Instant, Micros, Protocol};
@@ -201,7 +202,7 @@ fn an_echo_that_begins_late_is_no_acknowledgement() {
                 _ => None,
             });
             match end.expect("it ends") {
-                Ok(Confirmed::Readback | Confirmed::Reply) => {
+                Ok(Confirmation::Readback | Confirmation::Reply) => {
                     assert!(moved, "{protocol:?}, {verify} after {delay} ms");
                 }
                 Err(Fault::NoReply(_) | Fault::Garbled(_)) => lost += 1,

@@ -3,7 +3,7 @@
 mod support;
 
 use railbus_bus::{
-    Bus, Config, Confirmed, EchoMode, Event, Evidence, Fault, Input, ModuleId, Plan, Presence,
+    Bus, Config, Confirmation, EchoMode, Event, Evidence, Fault, Input, ModuleId, Plan, Presence,
     Probe, Terms,
 };
 use railbus_device::{Bank, Change, Family, Module, Op, Refusal, Setup};
@@ -85,7 +85,7 @@ impl Line {
     }
 
     /// How commands ended, and how long they took.
-    fn ends(&self) -> Vec<(Result<Confirmed, Fault>, Micros)> {
+    fn ends(&self) -> Vec<(Result<Confirmation, Fault>, Micros)> {
         let done = |(_, event): &(Instant, Event)| match event {
             Event::Done { end, took, .. } => Some((*end, *took)),
             _ => None,
@@ -399,7 +399,7 @@ fn without_its_echo_a_reply_counts_only_where_it_is_none_itself() {
     assert_eq!(end_after(&|_| None), Err(Fault::NoReply(lost(0, 0, None))));
     let garbled = Fault::Garbled(lost(3, 24, Some(Malformed::Start)));
     assert_eq!(end_after(&|_| Some(vec![0x22; 8])), Err(garbled));
-    assert_eq!(end_after(&as_a_board), Ok(Confirmed::Reply));
+    assert_eq!(end_after(&as_a_board), Ok(Confirmation::Reply));
 
     let mut line = Line::new(EchoMode::On, &[eda()]);
     line.submit(Op::Write(Bank::new(1, 1)));

@@ -3,7 +3,9 @@
 
 mod support;
 
-use railbus_bus::{Bus, Config, Confirmed, EchoMode, Event, Fault, Input, ModuleId, Plan, Terms};
+use railbus_bus::{
+    Bus, Config, Confirmation, EchoMode, Event, Fault, Input, ModuleId, Plan, Terms,
+};
 use railbus_device::{Bank, Family, Module, Observation, Op, Setup};
 use railbus_wire::{Address, Channel, Instant, Micros, Protocol, r55::U24};
 use support::{Drive, Happening, millis};
@@ -89,7 +91,7 @@ impl Script {
     }
 
     /// How the only command ended.
-    fn end(&self) -> Result<Confirmed, Fault> {
+    fn end(&self) -> Result<Confirmation, Fault> {
         let mut ends = self.events.iter().filter_map(|(_, event)| match event {
             Event::Done { end, .. } => Some(*end),
             _ => None,
@@ -145,7 +147,7 @@ fn patience(setup: Setup) -> Micros {
     script.answer(millis(300), &good);
     script.submit(0, op);
     script.run_for(Micros::from_secs(1));
-    assert_eq!(script.end(), Ok(Confirmed::Reply), "{setup:?}");
+    assert_eq!(script.end(), Ok(Confirmation::Reply), "{setup:?}");
     waited - wire
 }
 
@@ -243,7 +245,7 @@ fn a_write_without_reply_is_read_before_it_is_repeated() {
         script.answer(millis(5), &reply(module));
         script.submit(0, first_on());
         script.run_for(Micros::from_secs(3));
-        assert_eq!(script.end(), Ok(Confirmed::Readback), "{protocol}");
+        assert_eq!(script.end(), Ok(Confirmation::Readback), "{protocol}");
         assert_eq!(script.sent.len(), 2, "{protocol}: written once, read once");
         // It refused each time: only "no reply" is reported.
         script.events.clear();
@@ -359,7 +361,7 @@ fn an_unconfirmed_r55_command_is_followed_by_reading_the_state() {
         assert_eq!(codes, [code, 0x10], "{op:?}");
         assert_eq!(script.outputs(), 1, "the state is known");
         match script.end() {
-            Ok(end) => assert!(confirmed && end == Confirmed::Readback, "{op:?}"),
+            Ok(end) => assert!(confirmed && end == Confirmation::Readback, "{op:?}"),
             Err(fault) => {
                 assert!(!confirmed, "{op:?}");
                 assert_eq!(fault.name(), "no_reply");
@@ -378,7 +380,7 @@ fn exception_08_is_repeated() {
     script.answer(millis(5), &[0x01, 0x01, 0x01, 0x01, 0x90, 0x48]);
     script.submit(0, Op::ReadOutputs);
     script.run_for(Micros::from_secs(1));
-    assert_eq!(script.end(), Ok(Confirmed::Reply));
+    assert_eq!(script.end(), Ok(Confirmation::Reply));
     assert_eq!(script.sent.len(), 2);
 }
 

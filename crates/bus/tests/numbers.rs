@@ -10,7 +10,7 @@
 mod support;
 
 use railbus_bus::{
-    Bus, Config, Confirmed, Event, Fault, Input, ModuleId, Plan, Presence, Terms, Ticket,
+    Bus, Config, Confirmation, Event, Fault, Input, ModuleId, Plan, Presence, Terms, Ticket,
 };
 use railbus_device::{Bank, Eeprom, Engine, Family, Module, Op, Options, Setup};
 use railbus_wire::{Address, Baud, Channel, Instant, Micros, Protocol, Settings};
@@ -277,11 +277,11 @@ impl Bench {
 }
 
 /// How a command ended, in one word.
-const fn name(end: Result<Confirmed, Fault>) -> &'static str {
+const fn name(end: Result<Confirmation, Fault>) -> &'static str {
     match end {
-        Ok(Confirmed::Readback) => "readback",
-        Ok(Confirmed::Reply) => "reply",
-        Ok(Confirmed::Sent) => "sent",
+        Ok(Confirmation::Readback) => "readback",
+        Ok(Confirmation::Reply) => "reply",
+        Ok(Confirmation::Sent) => "sent",
         Err(fault) => fault.name(),
     }
 }

@@ -25,8 +25,8 @@
 mod support;
 
 use railbus_bus::{
-    Bus, Config, Confirmed, EchoMode, Event, Fault, Input, Medium, ModuleId, Past, Plan, Presence,
-    Probe, Terms,
+    Bus, Config, Confirmation, EchoMode, Event, Fault, Input, Medium, ModuleId, Plan, PortHistory,
+    Presence, Probe, Terms,
 };
 use railbus_device::{
     Bank, Change, Eeprom, Engine, Family, Layout, Module, Observation, Op, Options, Setup,
@@ -91,7 +91,7 @@ enum Answer {
 
 /// Something that happens at a given moment.
 enum Action {
-    Open(Past),
+    Open(PortHistory),
     Close,
     Bytes(Vec<u8>),
     Power(usize, bool),
@@ -278,9 +278,9 @@ impl Scenario {
         let (word, rest) = text.split_once(' ').unwrap_or((text, ""));
         match word {
             "open" => Action::Open(match rest {
-                "" => Past::Unknown,
-                "at rest" => Past::Rested,
-                "abandoned" => Past::Abandoned,
+                "" => PortHistory::Unknown,
+                "at rest" => PortHistory::Rested,
+                "abandoned" => PortHistory::Abandoned,
                 other => panic!("opened how? {other}"),
             }),
             "close" => Action::Close,
@@ -382,9 +382,9 @@ impl Scenario {
         match action {
             Action::Open(past) => {
                 let how = match past {
-                    Past::Unknown => "open",
-                    Past::Rested => "open at rest",
-                    Past::Abandoned => "open abandoned",
+                    PortHistory::Unknown => "open",
+                    PortHistory::Rested => "open at rest",
+                    PortHistory::Abandoned => "open abandoned",
                 };
                 self.note("call", how);
                 self.drive.bus.found(past);
@@ -480,9 +480,9 @@ impl Scenario {
             }
             Event::Done { ticket, end, took } => {
                 let end = match end {
-                    Ok(Confirmed::Readback) => "readback".to_owned(),
-                    Ok(Confirmed::Reply) => "reply".to_owned(),
-                    Ok(Confirmed::Sent) => "sent".to_owned(),
+                    Ok(Confirmation::Readback) => "readback".to_owned(),
+                    Ok(Confirmation::Reply) => "reply".to_owned(),
+                    Ok(Confirmation::Sent) => "sent".to_owned(),
                     Err(fault) => fault_text(fault),
                 };
                 format!("done #{} {end} after {}", ticket.0, took.0)

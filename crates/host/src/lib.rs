@@ -69,8 +69,8 @@ pub use tap::{Tap, TapFrame};
 pub use tcp::TcpPort;
 
 pub use railbus_bus::{
-    Config, Confirmed, EchoMode, Event, Evidence, Fault, LateReply, MISSES_SILENT, Medium,
-    ModuleId, PIECE_PAUSE, Past, Plan, Presence, Probe, Probed, Terms,
+    Config, Confirmation, EchoMode, Event, Evidence, Fault, LateReply, MISSES_SILENT, Medium,
+    ModuleId, PIECE_PAUSE, Plan, PortHistory, Presence, Probe, Probed, Terms,
 };
 pub use railbus_device::{
     Bank, Change, Family, Module, Observation, Op, Point, PointKind, Refusal, Setup,

@@ -10,7 +10,7 @@ use crate::{
     SerialOptions,
 };
 use railbus_bus::LateReply;
-use railbus_bus::{Config, Confirmed, Fault, ModuleId, Plan, Probe, Probed, Terms};
+use railbus_bus::{Config, Confirmation, Fault, ModuleId, Plan, Probe, Probed, Terms};
 use railbus_device::{Module, Observation, Op};
 use railbus_wire::{Decoded, Exchange, Instant, Micros};
 use std::fmt;
@@ -75,7 +75,7 @@ pub struct RunId(pub u64);
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Done {
     /// How it was confirmed.
-    pub confirmed: Confirmed,
+    pub confirmed: Confirmation,
     /// From submission to the last byte of its own reply, without the read-back.
     pub took: Micros,
     /// For a read, what was read; for a write, the outputs as last read after its reply, if they

@@ -5,7 +5,7 @@ use crate::event::Publisher;
 use crate::line::{Done, LATE_MAX, ProbeResult, RunId};
 use crate::tap::{Tap, TapSender};
 use railbus_bus::LateReply;
-use railbus_bus::{COMMANDS_MAX, Confirmed, Fault, ModuleId, Probe, Probed, Ticket};
+use railbus_bus::{COMMANDS_MAX, Confirmation, Fault, ModuleId, Probe, Probed, Ticket};
 use railbus_device::{Observation, Op};
 use railbus_wire::{Instant, Micros, Settings};
 use std::collections::VecDeque;
@@ -219,7 +219,7 @@ impl PendingCalls {
     pub(crate) fn end(
         &mut self,
         ticket: Ticket,
-        (end, took): (Result<Confirmed, Fault>, Micros),
+        (end, took): (Result<Confirmation, Fault>, Micros),
         publisher: &mut Publisher,
     ) {
         let Some(index) = self.runs.iter().position(|run| run.ticket == ticket) else {
@@ -232,9 +232,9 @@ impl PendingCalls {
             seen: run.seen.and_then(|(seen, asked)| {
                 // Outputs requested before the write was answered say nothing about it.
                 let is_after = match confirmed {
-                    Confirmed::Readback => true,
-                    Confirmed::Reply => asked >= run.submitted + took,
-                    Confirmed::Sent => false,
+                    Confirmation::Readback => true,
+                    Confirmation::Reply => asked >= run.submitted + took,
+                    Confirmation::Sent => false,
                 };
                 (run.op.is_read() || is_after).then_some(seen)
             }),
@@ -325,7 +325,7 @@ mod tests {
             &Observation::Analogs([1, 2]),
             at,
         );
-        let end_of = (Ok(Confirmed::Reply), Micros(5));
+        let end_of = (Ok(Confirmation::Reply), Micros(5));
         pending.end(Ticket(7), end_of, &mut Publisher::new(None));
         let done = end.try_recv().unwrap().unwrap();
         assert_eq!(done.seen, Some(outputs(2)));
@@ -335,10 +335,10 @@ mod tests {
     #[test]
     fn a_write_has_seen_what_was_asked_for_after_its_reply() {
         for (confirmed, asked, seen) in [
-            (Confirmed::Reply, 104, None),
-            (Confirmed::Reply, 105, Some(outputs(4))),
-            (Confirmed::Readback, 104, Some(outputs(4))),
-            (Confirmed::Sent, 105, None),
+            (Confirmation::Reply, 104, None),
+            (Confirmation::Reply, 105, Some(outputs(4))),
+            (Confirmation::Readback, 104, Some(outputs(4))),
+            (Confirmation::Sent, 105, None),
         ] {
             let (mut pending, mut end) = pending_with(Op::Toggle(4));
             pending.seen(ModuleId(1), &Op::ReadOutputs, &outputs(4), Instant(asked));

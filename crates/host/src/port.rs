@@ -1,7 +1,7 @@
 //! The interface between the line and what carries its bytes.
 
 use crate::{Granted, LineName, ModbusTcpPort, PortError, SerialOptions, SerialPort, TcpPort};
-use railbus_bus::{Medium, Past};
+use railbus_bus::{Medium, PortHistory};
 use railbus_wire::Settings;
 use std::future::{Future, poll_fn};
 use std::io;
@@ -22,8 +22,8 @@ pub trait Port: Send + 'static {
     }
 
     /// What is known of earlier users, to whom replies may still come.
-    fn past(&self) -> Past {
-        Past::Unknown
+    fn past(&self) -> PortHistory {
+        PortHistory::Unknown
     }
 
     /// Marks the port as settled: no reply can come any more to what was sent, so the next user
@@ -110,7 +110,7 @@ impl Port for AnyPort {
         }
     }
 
-    fn past(&self) -> Past {
+    fn past(&self) -> PortHistory {
         match self {
             AnyPort::Serial(port) => port.past(),
             AnyPort::Tcp(port) => port.past(),

@@ -8,7 +8,7 @@ mod rest;
 mod tty;
 
 use crate::{LineName, Port, PortError};
-use railbus_bus::{Medium, Past};
+use railbus_bus::{Medium, PortHistory};
 use railbus_wire::Settings;
 use std::io;
 use std::path::PathBuf;
@@ -140,7 +140,7 @@ impl Port for SerialPort {
         self.tty.as_ref().map(|tty| tty.granted())
     }
 
-    fn past(&self) -> Past {
+    fn past(&self) -> PortHistory {
         self.tty.as_ref().map(|tty| tty.past()).unwrap_or_default()
     }
 

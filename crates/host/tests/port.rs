@@ -3,7 +3,7 @@
 mod support;
 
 use railbus_host::{
-    Bank, Channel, Confirmed, Family, Fault, Line, LineState, Medium, ModuleId, Op, Plan, Port,
+    Bank, Channel, Confirmation, Family, Fault, Line, LineState, Medium, ModuleId, Op, Plan, Port,
     PortError, Protocol, Settings, Terms,
 };
 use railbus_wire::Micros;
@@ -74,7 +74,7 @@ async fn a_task_that_is_held_up_keeps_the_silence_all_the_same() {
     let first = line.run(ModuleId(0), Op::WriteSilent(on), unanswered);
     let second = line.run(ModuleId(0), Op::ReadOutputs, Terms::default());
     let (first, second) = soon(async { tokio::join!(first, second) }).await;
-    assert_eq!(first.expect("sent").confirmed, Confirmed::Sent);
+    assert_eq!(first.expect("sent").confirmed, Confirmation::Sent);
     assert!(matches!(second, Err(Fault::NoReply(_))), "{second:?}");
 
     let sent = sent.lock().expect("a lock").clone();

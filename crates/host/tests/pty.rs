@@ -3,10 +3,10 @@
 mod support;
 
 use railbus_host::{
-    Bank, Baud, Channel, Character, Confirmed, Event, Events, Exchange, Family, Fault, Holder,
-    Line, LineEvent, LineName, LineState, Medium, Micros, ModuleId, Observation, Op, Past, Plan,
-    Port, PortError, Presence, Probe, Probed, Protocol, RunId, SerialOptions, SerialPort, Settings,
-    Setup, Terms,
+    Bank, Baud, Channel, Character, Confirmation, Event, Events, Exchange, Family, Fault, Holder,
+    Line, LineEvent, LineName, LineState, Medium, Micros, ModuleId, Observation, Op, Plan, Port,
+    PortError, PortHistory, Presence, Probe, Probed, Protocol, RunId, SerialOptions, SerialPort,
+    Settings, Setup, Terms,
 };
 use railbus_wire::{Address, rtu};
 use rustix::termios::{ControlModes, Termios, tcgetattr};
@@ -51,13 +51,13 @@ async fn a_write_is_read_back_and_a_read_is_seen() {
     let (line, player, _) = quiet_line().await;
     let done = soon(line.run(FIRST, switch(2, true), Terms::default())).await;
     let done = done.expect("written");
-    assert_eq!(done.confirmed, Confirmed::Readback);
+    assert_eq!(done.confirmed, Confirmation::Readback);
     assert_eq!(outputs(done.seen).on, 0b100);
     let done = soon(line.run(FIRST, Op::ReadOutputs, Terms::default())).await;
     let done = done.expect("read");
     assert_eq!(
         (done.confirmed, outputs(done.seen).on),
-        (Confirmed::Reply, 0b100)
+        (Confirmation::Reply, 0b100)
     );
     soon(line.close()).await;
     assert_eq!(player.stop()[0].outputs(), 0b100);
@@ -107,10 +107,10 @@ async fn every_protocol_reads_and_writes() {
         let done = done.unwrap_or_else(|fault| panic!("{setup:?}: {fault:?}"));
         // A module that has answered within microseconds is waited for 20 ms: a machine that runs
         // the simulation later than that loses a reading, and after two only the reply is left.
-        if done.confirmed == Confirmed::Reply {
+        if done.confirmed == Confirmation::Reply {
             assert_eq!(soon(readings_lost(&mut events)).await, 2, "{setup:?}");
         } else {
-            assert_eq!(done.confirmed, Confirmed::Readback, "{setup:?}");
+            assert_eq!(done.confirmed, Confirmation::Readback, "{setup:?}");
         }
         let done = soon(line.run(FIRST, Op::ReadOutputs, Terms::default())).await;
         assert_eq!(outputs(done.expect("read").seen).on, 0b10, "{setup:?}");
@@ -143,7 +143,7 @@ async fn a_paced_line_of_all_families_is_polled() {
     })
     .await;
     let done = soon(line.run(ModuleId(3), switch(7, true), Terms::default())).await;
-    assert_eq!(done.expect("written").confirmed, Confirmed::Readback);
+    assert_eq!(done.expect("written").confirmed, Confirmation::Readback);
     soon(line.close()).await;
     assert_eq!(player.stop()[3].outputs(), 1 << 7);
 }
@@ -372,13 +372,13 @@ async fn a_terminal_that_was_written_to_lately_has_not_rested() {
     let (_master, path) = pty();
     let mut port = SerialPort::new(path.clone(), SerialOptions::default());
     port.open().await.expect("a terminal");
-    assert!(port.past() == Past::Unknown, "it was made just now");
+    assert!(port.past() == PortHistory::Unknown, "it was made just now");
     written_ago(&path, Duration::from_secs(20));
     port.open().await.expect("a terminal");
-    assert_eq!(port.past(), Past::Rested);
+    assert_eq!(port.past(), PortHistory::Rested);
     port.send(b"\x03", Settings::FACTORY).expect("sent");
     port.open().await.expect("a terminal");
-    assert_ne!(port.past(), Past::Rested, "the system notes a write");
+    assert_ne!(port.past(), PortHistory::Rested, "the system notes a write");
 }
 
 /// A killed process cleans up nothing. That the terminal was not closed in order is seen by the
@@ -389,14 +389,14 @@ async fn a_terminal_shows_that_it_was_not_given_up_in_order() {
         let (_master, path) = pty();
         let mut port = SerialPort::new(path.clone(), SerialOptions::default());
         port.open().await.expect("a terminal");
-        assert_eq!(port.past(), Past::Unknown);
+        assert_eq!(port.past(), PortHistory::Unknown);
         port.send(b"\x03", Settings::FACTORY).expect("sent");
         if settled {
             port.settle();
         }
         let then = match settled {
-            true => Past::Unknown,
-            false => Past::Abandoned,
+            true => PortHistory::Unknown,
+            false => PortHistory::Abandoned,
         };
         // Opening and closing it changes nothing about that, nor does listening.
         for listen_only in [false, true, false] {
@@ -430,12 +430,12 @@ async fn who_makes_a_terminal_does_not_keep_others_from_it() {
 
 #[tokio::test]
 async fn an_abandoned_line_is_listened_to_for_as_long_as_a_reply_is_late() {
-    for past in [Past::Unknown, Past::Abandoned] {
+    for past in [PortHistory::Unknown, PortHistory::Abandoned] {
         let (master, path) = pty();
         let mut port = SerialPort::new(path.clone(), SerialOptions::default());
         port.open().await.expect("a terminal");
         port.send(b"\x03", Settings::FACTORY).expect("sent");
-        if past == Past::Unknown {
+        if past == PortHistory::Unknown {
             port.settle();
         }
         port.close();
@@ -445,14 +445,14 @@ async fn an_abandoned_line_is_listened_to_for_as_long_as_a_reply_is_late() {
         soon(line.opened()).await.expect("open");
         let read = soon(line.run(FIRST, Op::ReadOutputs, Terms::default())).await;
         assert!(read.is_ok(), "{read:?}");
-        if past == Past::Abandoned {
+        if past == PortHistory::Abandoned {
             let took = begun.elapsed();
             assert!(took >= Duration::from_millis(500), "{took:?}");
         }
         soon(line.close()).await;
         let mut port = SerialPort::new(path, SerialOptions::default());
         port.open().await.expect("a terminal");
-        assert_eq!(port.past(), Past::Unknown, "closed in order");
+        assert_eq!(port.past(), PortHistory::Unknown, "closed in order");
     }
 }
 
@@ -603,7 +603,7 @@ async fn a_close_lets_commands_end() {
     tokio::time::sleep(Duration::from_millis(15)).await;
     soon(line.close()).await;
     let done = soon(running).await.expect("no panic").expect("written");
-    assert_eq!(done.confirmed, Confirmed::Readback);
+    assert_eq!(done.confirmed, Confirmation::Readback);
     assert_eq!(line.state(), LineState::Closed);
     let late = soon(line.run(FIRST, Op::ReadOutputs, Terms::default())).await;
     assert_eq!(late, Err(Fault::Closed));

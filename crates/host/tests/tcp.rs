@@ -3,8 +3,8 @@
 mod support;
 
 use railbus_host::{
-    Bank, Channel, Confirmed, Family, Fault, Line, LineName, LineState, ModuleId, Observation, Op,
-    Plan, PortError, Presence, Protocol, Refusal, Setup, Terms,
+    Bank, Channel, Confirmation, Family, Fault, Line, LineName, LineState, ModuleId, Observation,
+    Op, Plan, PortError, Presence, Protocol, Refusal, Setup, Terms,
 };
 use railbus_wire::rtu::Exception;
 use std::io::{Read, Write};
@@ -60,7 +60,7 @@ async fn a_serial_server_is_used_and_found_again() {
     let player = Player::start(stream.into(), &[erc8()], false);
     soon(line.opened()).await.expect("open");
     let done = soon(line.run(FIRST, on(4), Terms::default())).await;
-    assert_eq!(done.expect("written").confirmed, Confirmed::Readback);
+    assert_eq!(done.expect("written").confirmed, Confirmation::Readback);
 
     let mut events = line.events();
     assert_eq!(player.stop()[0].outputs(), 1 << 4);
@@ -144,7 +144,7 @@ async fn a_gateway_is_read_and_written() {
     soon(line.opened()).await.expect("open");
     let done = soon(line.run(FIRST, on(4), Terms::default())).await;
     let done = done.expect("written");
-    assert_eq!(done.confirmed, Confirmed::Readback);
+    assert_eq!(done.confirmed, Confirmation::Readback);
     match done.seen {
         Some(Observation::Channels { outputs, .. }) => assert_eq!(outputs.on, 1 << 4),
         other => panic!("{other:?}"),

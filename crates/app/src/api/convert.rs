@@ -230,11 +230,11 @@ pub const fn value(value: railbus_site::Value) -> Value {
 }
 
 /// How far a result is confirmed.
-pub const fn confirmed(confirmed: railbus_host::Confirmed) -> Confirmed {
+pub const fn confirmed(confirmed: railbus_host::Confirmation) -> Confirmed {
     match confirmed {
-        railbus_host::Confirmed::Readback => Confirmed::Readback,
-        railbus_host::Confirmed::Reply => Confirmed::Reply,
-        railbus_host::Confirmed::Sent => Confirmed::Sent,
+        railbus_host::Confirmation::Readback => Confirmed::Readback,
+        railbus_host::Confirmation::Reply => Confirmed::Reply,
+        railbus_host::Confirmation::Sent => Confirmed::Sent,
     }
 }
 

@@ -1,7 +1,7 @@
 //! A port opened exclusively: sends the requests of a procedure, and receives the replies.
 
 use railbus_commission::{Heard, TimedExchange};
-use railbus_host::{AnyPort, LineName, Medium, Past, Port, PortError, SerialOptions};
+use railbus_host::{AnyPort, LineName, Medium, Port, PortError, PortHistory, SerialOptions};
 use railbus_wire::{Frame, Instant, Micros, Settings};
 use std::time::Duration;
 use tokio::time::{Instant as Moment, timeout_at};
@@ -38,8 +38,8 @@ impl Talk {
         port.open().await?;
         let started = Moment::now();
         let late = match port.past() {
-            Past::Abandoned => LATE,
-            Past::Rested | Past::Unknown => Duration::ZERO,
+            PortHistory::Abandoned => LATE,
+            PortHistory::Rested | PortHistory::Unknown => Duration::ZERO,
         };
         Ok(Talk {
             port,

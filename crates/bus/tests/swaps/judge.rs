@@ -5,7 +5,7 @@ use crate::place::{Place, Who};
 use crate::support::Drive;
 use crate::tally::Tally;
 use crate::wire::{LEVELS, Wire};
-use railbus_bus::{Confirmed, Event, Fault, Presence, Ticket};
+use railbus_bus::{Confirmation, Event, Fault, Presence, Ticket};
 use railbus_device::{Bank, Observation, Op};
 use railbus_wire::{Instant, Micros};
 use std::cell::RefCell;
@@ -156,7 +156,7 @@ impl Judge {
     }
 
     /// A command ended.
-    fn ended(&mut self, command: &Command, end: Result<Confirmed, Fault>) {
+    fn ended(&mut self, command: &Command, end: Result<Confirmation, Fault>) {
         let (now, index) = (self.drive.now, command.place);
         let place = &self.places[index];
         let stay = place.stay();
@@ -168,7 +168,7 @@ impl Judge {
         match end {
             Ok(how) => {
                 self.tally.done += 1;
-                let by_readback = how == Confirmed::Readback;
+                let by_readback = how == Confirmation::Readback;
                 let is_new = place
                     .other_since()
                     .is_some_and(|at| at + self.noticed_max() >= now);

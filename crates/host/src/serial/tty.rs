@@ -2,7 +2,7 @@
 
 use super::{Granted, Rs485, SerialOptions, access, holder, mark, mode, rest};
 use crate::{PortError, ioctl};
-use railbus_bus::Past;
+use railbus_bus::PortHistory;
 use railbus_wire::Settings;
 use rustix::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
 use rustix::fs::{FlockOperation, Mode, OFlags, flock};
@@ -35,7 +35,7 @@ pub(crate) struct Tty {
     settings: Settings,
     pts: bool,
     granted: Granted,
-    past: Past,
+    past: PortHistory,
     opened: Instant,
     /// When a request was last sent that may get a reply.
     sent: Option<Instant>,
@@ -63,11 +63,11 @@ impl Tty {
         let fd = Locked::lock(fd, &about, pts)?;
         let before = tcgetattr(&fd)?;
         let past = if rest::is_rested(SystemTime::now(), about.mtime()) {
-            Past::Rested
+            PortHistory::Rested
         } else if mark::is_on(&before) {
-            Past::Abandoned
+            PortHistory::Abandoned
         } else {
-            Past::Unknown
+            PortHistory::Unknown
         };
         let mut mode = before.clone();
         if !options.listen_only {
@@ -114,7 +114,7 @@ impl Tty {
     }
 
     /// What is known of earlier users.
-    pub(crate) const fn past(&self) -> Past {
+    pub(crate) const fn past(&self) -> PortHistory {
         self.past
     }
 
@@ -126,7 +126,7 @@ impl Tty {
     /// Whether a reply may still come, to us or to the previous user.
     fn is_haunted(&self) -> bool {
         let lately = |since: Instant| since.elapsed() < rest::REST;
-        self.sent.is_some_and(lately) || self.past == Past::Abandoned && lately(self.opened)
+        self.sent.is_some_and(lately) || self.past == PortHistory::Abandoned && lately(self.opened)
     }
 
     /// Reads the next bytes. A terminal that was hung up is at end of file.

@@ -8,7 +8,7 @@ use crate::config::{Config, Place};
 use crate::rights::Who;
 use crate::{Failure, WriteDone, WriteTerms};
 use railbus_device::{Bank, Module, Point};
-use railbus_host::{Confirmed, Fault};
+use railbus_host::{Confirmation, Fault};
 use railbus_wire::Micros;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -57,7 +57,7 @@ pub struct PartDone {
     /// The state before, if it was known.
     pub before: Option<bool>,
     /// How far that is certain.
-    pub confirmed: Confirmed,
+    pub confirmed: Confirmation,
     /// From submitting the command to the last byte of its own reply.
     pub took: Micros,
     /// The number of its audit entry.

@@ -12,7 +12,7 @@ use super::within::TTL;
 use crate::config::{Place, Safety};
 use crate::{Failure, Value, WriteDone};
 use railbus_device::{Bank, Module, Observation, Op, Point};
-use railbus_host::{Confirmed, Done, Fault};
+use railbus_host::{Confirmation, Done, Fault};
 use railbus_store::audit::{End, Note};
 use railbus_wire::{Channel, Micros};
 
@@ -85,7 +85,7 @@ enum Acted {
 impl Acted {
     fn of(end: &Result<Done, Fault>) -> Acted {
         match end {
-            Ok(done) if done.confirmed == Confirmed::Readback => Acted::Surely,
+            Ok(done) if done.confirmed == Confirmation::Readback => Acted::Surely,
             // Of several frames, one before may have been taken.
             Ok(_) | Err(Fault::Refused(_)) => Acted::Perhaps,
             Err(fault) if fault.may_have_acted() => Acted::Perhaps,
@@ -135,10 +135,10 @@ impl Context {
         let after = |point: &Point| {
             let done = end.as_ref().ok()?;
             match (done.confirmed, done.seen) {
-                (Confirmed::Sent, _) => None,
+                (Confirmation::Sent, _) => None,
                 // A reading takes precedence over the request: a pulse may be over.
                 (_, Some(Observation::Channels { outputs, .. })) => bank_state(outputs, *point),
-                (Confirmed::Readback | Confirmed::Reply, _) => wanted(*point),
+                (Confirmation::Readback | Confirmation::Reply, _) => wanted(*point),
             }
         };
         let after: Vec<_> = points.iter().map(|point| (*point, after(point))).collect();
@@ -419,9 +419,9 @@ fn rises(op: &Op, point: Point) -> bool {
 const fn end_of(end: &Result<Done, Fault>) -> End {
     match end {
         Ok(done) => match done.confirmed {
-            Confirmed::Readback => End::Readback,
-            Confirmed::Reply => End::Reply,
-            Confirmed::Sent => End::Sent,
+            Confirmation::Readback => End::Readback,
+            Confirmation::Reply => End::Reply,
+            Confirmation::Sent => End::Sent,
         },
         Err(fault) => End::Failed {
             name: fault.name(),

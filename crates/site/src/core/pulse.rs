@@ -11,7 +11,7 @@ use crate::config::{Config, Place};
 use crate::rights::Who;
 use crate::{Failure, Pulses};
 use railbus_device::{Bank, Observation, Op, Point, PulseTiming};
-use railbus_host::Confirmed;
+use railbus_host::Confirmation;
 use railbus_wire::{Micros, r55::U24};
 use std::time::Duration;
 
@@ -57,7 +57,7 @@ pub struct PulseDone {
     /// How long it is.
     pub width: Micros,
     /// How far it is certain that it began.
-    pub confirmed: Confirmed,
+    pub confirmed: Confirmation,
     /// From submitting the command to the last byte of its own reply.
     pub took: Micros,
     /// The number of its audit entry.

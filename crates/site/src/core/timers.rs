@@ -13,7 +13,7 @@ use crate::config::Place;
 use crate::service::lock;
 use crate::{Change, Failure, Value, WriteDone};
 use railbus_device::{Bank, Op};
-use railbus_host::{Confirmed, Fault};
+use railbus_host::{Confirmation, Fault};
 use railbus_store::audit::{Note, Origin};
 use railbus_wire::{Instant, Micros};
 use std::pin::Pin;
@@ -533,5 +533,5 @@ impl State {
 /// Whether an output that was to be released was seen so. An acknowledgement alone says nothing
 /// of a relay that is welded.
 pub(super) fn is_released(done: &WriteDone) -> bool {
-    done.confirmed == Confirmed::Readback
+    done.confirmed == Confirmation::Readback
 }

@@ -9,7 +9,7 @@ use crate::config::Config;
 use crate::config::Place;
 use crate::rights::Who;
 use railbus_device::{Bank, Op, Point};
-use railbus_host::{Confirmed, Fault};
+use railbus_host::{Confirmation, Fault};
 use railbus_store::audit::{Note, Origin};
 use railbus_wire::Micros;
 
@@ -57,7 +57,7 @@ pub struct WriteDone {
     /// Each output with what it is now, and what it was before, where that is known.
     pub outputs: Vec<(Point, Option<bool>, Option<bool>)>,
     /// How far that is certain.
-    pub confirmed: Confirmed,
+    pub confirmed: Confirmation,
     /// From handing the command in to the last byte of its own reply.
     pub took: Micros,
     /// The number of its audit entry.
@@ -222,7 +222,7 @@ impl Context {
         points: &[Point],
         done: WriteDone,
     ) -> Result<WriteDone, Failure> {
-        if done.confirmed != Confirmed::Sent {
+        if done.confirmed != Confirmation::Sent {
             let places: Vec<Place> = places(module, points).collect();
             let taken = self.hand_outputs_over(&places, None).await;
             taken.map_err(Failure::NotTakenOver)?;

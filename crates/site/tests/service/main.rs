@@ -15,7 +15,7 @@ mod several;
 mod undone;
 
 use board::{k, until};
-use railbus_host::{Confirmed, Fault, LineState};
+use railbus_host::{Confirmation, Fault, LineState};
 use railbus_site::{
     By, Config, Failure, Pulse, Quality, Reason, ReloadError, Service, ToggleTerms, Update, Value,
     WriteTerms,
@@ -53,7 +53,7 @@ async fn a_write_tells_before_and_after_and_is_known_at_once() {
         .write("oven", &both, WriteTerms::default())
         .await
         .unwrap();
-    assert_eq!(done.confirmed, Confirmed::Readback);
+    assert_eq!(done.confirmed, Confirmation::Readback);
     let told = [
         (k(1), Some(true), Some(false)),
         (k(3), Some(true), Some(false)),
@@ -285,7 +285,7 @@ async fn modules_come_and_go_and_the_others_notice_nothing() {
     until(|| service.point("attic", k(2)).unwrap().quality == Quality::Good).await;
     let terms = WriteTerms::default();
     let done = service.write("oven", &[(k(2), true)], terms).await.unwrap();
-    assert_eq!(done.confirmed, Confirmed::Readback);
+    assert_eq!(done.confirmed, Confirmation::Readback);
     let attic = service.point("attic", k(2)).unwrap();
     assert_eq!(attic.value, Some(Value::Bool(false)));
 
@@ -324,7 +324,7 @@ async fn after_a_loan_every_command_meets_the_module_it_names() {
 
     let terms = WriteTerms::default();
     let done = service.write("attic", &[(k(2), true)], terms).await;
-    assert_eq!(done.unwrap().confirmed, Confirmed::Readback);
+    assert_eq!(done.unwrap().confirmed, Confirmation::Readback);
     assert_eq!((relays.relays(2), relays.relays(3)), (0b10, 0));
     for (module, is_on) in [("attic", true), ("oven", false)] {
         until(|| service.point(module, k(2)).unwrap().quality == Quality::Good).await;

@@ -3,7 +3,7 @@
 
 use crate::board::{k, until};
 use railbus_device::Point;
-use railbus_host::{Confirmed, Fault, LineState};
+use railbus_host::{Confirmation, Fault, LineState};
 use railbus_site::{Config, Failure, Quality, Service, WriteDone, WriteTerms};
 use railbus_store::audit::End;
 use railbus_wire::{crc16, sum8};
@@ -172,7 +172,7 @@ async fn a_pulse_that_is_over_was_acknowledged_and_its_output_is_off() {
             let module = Stuck::new("eda9060a", protocol, Some(1));
             let done = module.switch_on(polled).await.unwrap();
             let before = polled.then_some(false);
-            assert_eq!(done.confirmed, Confirmed::Reply, "{module:?}");
+            assert_eq!(done.confirmed, Confirmation::Reply, "{module:?}");
             assert_eq!(done.outputs, [(FIRST, Some(false), before)], "{module:?}");
         }
     }

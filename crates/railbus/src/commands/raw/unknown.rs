@@ -6,7 +6,7 @@ use super::Answer;
 use crate::commands::Context;
 use crate::commands::place::{Place, port_failure};
 use railbus_app::failure::Failure;
-use railbus_host::{AnyPort, Past, Port, PortError, SerialOptions};
+use railbus_host::{AnyPort, Port, PortError, PortHistory, SerialOptions};
 use railbus_wire::Micros;
 use std::time::Duration;
 use tokio::time::{Instant, timeout_at};
@@ -34,7 +34,7 @@ pub(super) async fn ask(
     let failed = |error: &PortError| port_failure(context, place, error);
     let lost = |error: std::io::Error| failed(&PortError::of_loss(&error));
     port.open().await.map_err(|error| failed(&error))?;
-    if port.past() != Past::Rested {
+    if port.past() != PortHistory::Rested {
         let quiet = Instant::now() + LATE;
         hear(&mut port, quiet, LATE, &[]).await.map_err(lost)?;
     }

@@ -506,7 +506,10 @@ fn a_frame_that_nobody_answers_takes_nothing_over() {
     let sent = world
         .order(move |core| async move { core.write(&who_is("wang"), "oven", &set, terms).await });
     world.pass(ms(300));
-    assert_eq!(sent.now().unwrap().confirmed, railbus_host::Confirmed::Sent);
+    assert_eq!(
+        sent.now().unwrap().confirmed,
+        railbus_host::Confirmation::Sent
+    );
     world.pass(ms(2_000));
     assert_eq!(world.relays("oven"), 0);
 }

@@ -3,7 +3,7 @@
 
 use super::*;
 use railbus_device::Observation;
-use railbus_host::{Confirmed, Done, Event as BusEvent, Evidence, Presence};
+use railbus_host::{Confirmation, Done, Event as BusEvent, Evidence, Presence};
 use railbus_wire::Instant;
 
 /// Where a board is: port and address.
@@ -299,8 +299,8 @@ impl World {
             let board = self.board_at(at).ok_or(Fault::Closed)?;
             let relays = board.relays;
             let unread = match op {
-                Op::WriteSilent(_) => Some(Confirmed::Sent),
-                Op::Write(_) if self.only_acknowledged => Some(Confirmed::Reply),
+                Op::WriteSilent(_) => Some(Confirmation::Sent),
+                Op::Write(_) if self.only_acknowledged => Some(Confirmation::Reply),
                 _ => None,
             };
             if let Some(confirmed) = unread {
@@ -321,7 +321,7 @@ impl World {
             self.saw(at, &op, seen);
             let confirmed = match op {
                 Op::Write(bank) if relays & bank.mask != bank.on => return Err(Fault::NotVerified),
-                _ => Confirmed::Readback,
+                _ => Confirmation::Readback,
             };
             Ok(Done {
                 confirmed,
