@@ -1,7 +1,7 @@
 //! The masters, each a process of its own: ours, the floor, and third-party ones.
 
 use crate::scene::{Scene, command};
-use railbus_host::{Event, Line, LineConfig, LineEvent, LineName, Module, ModuleId, Plan, Terms};
+use railbus_host::{Event, Line, LineEvent, LineName, LineOptions, Module, ModuleId, Plan, Terms};
 use railbus_wire::Micros;
 use rustix::fd::OwnedFd;
 use rustix::fs::{Mode, OFlags};
@@ -194,8 +194,8 @@ fn pause(timer: &OwnedFd, span: Micros) -> rustix::io::Result<()> {
     Ok(())
 }
 
-fn line(scene: &Scene, path: &str, plan: Plan) -> Result<LineConfig, String> {
-    let mut config = LineConfig::new(LineName::Serial(path.into()));
+fn line(scene: &Scene, path: &str, plan: Plan) -> Result<LineOptions, String> {
+    let mut config = LineOptions::new(LineName::Serial(path.into()));
     for setup in &scene.modules {
         let module = Module::new(*setup).map_err(|why| why.to_string())?;
         config = config.with(module, plan);

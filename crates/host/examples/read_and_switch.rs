@@ -7,7 +7,7 @@
 #![allow(clippy::print_stdout, reason = "it is a program")]
 
 use railbus_host::{
-    Address, Bank, Channel, Family, Line, LineConfig, LineName, Module, ModuleId, Observation, Op,
+    Address, Bank, Channel, Family, Line, LineName, LineOptions, Module, ModuleId, Observation, Op,
     Plan, Setup, Terms,
 };
 use std::error::Error;
@@ -24,7 +24,7 @@ pub async fn read_and_switch(name: LineName) -> Result<(), Box<dyn Error>> {
     // A module as it leaves the factory: Modbus RTU, 9600 8N1. It is only asked when we ask;
     // with `Plan::default()` it would be polled, and `line.events()` would tell what it says.
     let oven = Module::new(Setup::new(Family::Erc8, Address(3)))?;
-    let line = Line::open(LineConfig::new(name).with(oven, Plan::NEVER))?;
+    let line = Line::open(LineOptions::new(name).with(oven, Plan::NEVER))?;
     line.opened().await?;
     let oven = ModuleId(0);
 

@@ -43,11 +43,11 @@ pub type Observer = Box<dyn FnMut(&[LineEvent]) + Send>;
 
 /// A receiver of a line's events from its creation on.
 #[derive(Debug)]
-pub struct Events(Option<broadcast::Receiver<LineEvent>>);
+pub struct LineEvents(Option<broadcast::Receiver<LineEvent>>);
 
-impl Events {
-    pub(crate) fn of(line: &broadcast::WeakSender<LineEvent>) -> Events {
-        Events(line.upgrade().map(|sender| sender.subscribe()))
+impl LineEvents {
+    pub(crate) fn of(line: &broadcast::WeakSender<LineEvent>) -> LineEvents {
+        LineEvents(line.upgrade().map(|sender| sender.subscribe()))
     }
 
     /// The next event; none after the line was closed.
@@ -164,7 +164,7 @@ mod tests {
     #[tokio::test]
     async fn a_slow_receiver_is_told_how_much_it_lost() {
         let mut publisher = Publisher::new(None);
-        let mut events = Events::of(&publisher.events());
+        let mut events = LineEvents::of(&publisher.events());
         for _ in 0..EVENTS_MAX + 3 {
             publisher.publish(&Event::Babble);
             publisher.flush();
@@ -176,7 +176,7 @@ mod tests {
         while let Some(event) = events.next().await {
             assert_eq!(event, LineEvent::Bus(Event::Babble));
         }
-        assert_eq!(Events::of(&line).next().await, None);
+        assert_eq!(LineEvents::of(&line).next().await, None);
     }
 
     #[tokio::test]

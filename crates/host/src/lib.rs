@@ -7,13 +7,13 @@
 //! name.
 //!
 //! ```no_run
-//! use railbus_host::{Line, LineConfig, LineName, Op, Plan, Terms};
+//! use railbus_host::{Line, LineOptions, LineName, Op, Plan, Terms};
 //! use railbus_host::{Address, Bank, Channel, Family, Module, ModuleId, Setup};
 //!
 //! # async fn run() -> Result<(), Box<dyn std::error::Error>> {
 //! let name: LineName = "/dev/serial/by-id/usb-FTDI_FT232R_A10KZP45-if00-port0".parse()?;
 //! let oven = Module::new(Setup::new(Family::Erc8, Address(3)))?;
-//! let line = Line::open(LineConfig::new(name).with(oven, Plan::default()))?;
+//! let line = Line::open(LineOptions::new(name).with(oven, Plan::default()))?;
 //! line.opened().await?;
 //! let k3 = Channel::new(2).ok_or("32 channels at most")?;
 //! let on = Op::Write(Bank::one(k3, true));
@@ -57,9 +57,9 @@ mod tcp;
 mod wake_flag;
 
 pub use error::{Holder, PortAccess, PortError};
-pub use event::{Events, LineEvent, LineState, Observer};
+pub use event::{LineEvent, LineEvents, LineState, Observer};
 pub use line::{
-    Done, JOBS_MAX, LATE_MAX, Line, LineConfig, ModuleChanges, ProbeResult, RunId, reply_in,
+    Done, JOBS_MAX, LATE_MAX, Line, LineOptions, ModuleChanges, ProbeResult, RunId, reply_in,
 };
 pub use mbtcp::ModbusTcpPort;
 pub use name::{LineName, NameError};

@@ -6,7 +6,7 @@ use crate::pending::{ProbeReply, RunReply};
 use crate::tap::Tap;
 use crate::task::Task;
 use crate::{
-    AnyPort, Events, Granted, LineEvent, LineName, LineState, Observer, Port, PortError,
+    AnyPort, Granted, LineEvent, LineEvents, LineName, LineState, Observer, Port, PortError,
     SerialOptions,
 };
 use railbus_bus::LateReply;
@@ -22,7 +22,7 @@ use tokio::sync::{broadcast, mpsc, oneshot, watch};
 pub const JOBS_MAX: usize = 64;
 
 /// The configuration of a line.
-pub struct LineConfig {
+pub struct LineOptions {
     /// Its port.
     pub name: LineName,
     /// Options for a serial port.
@@ -35,11 +35,11 @@ pub struct LineConfig {
     pub observer: Option<Observer>,
 }
 
-impl LineConfig {
+impl LineOptions {
     /// A line without modules, with defaults for everything else.
     #[must_use]
-    pub fn new(name: LineName) -> LineConfig {
-        LineConfig {
+    pub fn new(name: LineName) -> LineOptions {
+        LineOptions {
             name,
             serial: SerialOptions::default(),
             bus: Config::default(),
@@ -50,13 +50,13 @@ impl LineConfig {
 
     /// Adds a module.
     #[must_use]
-    pub fn with(mut self, module: Module, plan: Plan) -> LineConfig {
+    pub fn with(mut self, module: Module, plan: Plan) -> LineOptions {
         self.modules.push((module, plan));
         self
     }
 }
 
-impl fmt::Debug for LineConfig {
+impl fmt::Debug for LineOptions {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("LineConfig")
             .field("name", &self.name)
@@ -177,7 +177,7 @@ impl Line {
     ///
     /// # Errors
     /// If the system provides no timer.
-    pub fn open(config: LineConfig) -> Result<Line, PortError> {
+    pub fn open(config: LineOptions) -> Result<Line, PortError> {
         let mut serial = config.serial;
         if let Some((first, _)) = config.modules.first() {
             // Saves one change of speed.
@@ -247,8 +247,8 @@ impl Line {
 
     /// Its events from now on.
     #[must_use]
-    pub fn events(&self) -> Events {
-        Events::of(&self.events)
+    pub fn events(&self) -> LineEvents {
+        LineEvents::of(&self.events)
     }
 
     /// The line's time, used in [`Terms::expires`] and in events: microseconds since its start.

@@ -3,10 +3,10 @@
 mod support;
 
 use railbus_host::{
-    Bank, Baud, Channel, Character, Confirmation, Event, Events, Exchange, Family, Fault, Holder,
-    Line, LineEvent, LineName, LineState, Medium, Micros, ModuleId, Observation, Op, Plan, Port,
-    PortError, PortHistory, Presence, Probe, Probed, Protocol, RunId, SerialOptions, SerialPort,
-    Settings, Setup, Terms,
+    Bank, Baud, Channel, Character, Confirmation, Event, Exchange, Family, Fault, Holder, Line,
+    LineEvent, LineEvents, LineName, LineState, Medium, Micros, ModuleId, Observation, Op, Plan,
+    Port, PortError, PortHistory, Presence, Probe, Probed, Protocol, RunId, SerialOptions,
+    SerialPort, Settings, Setup, Terms,
 };
 use railbus_wire::{Address, rtu};
 use rustix::termios::{ControlModes, Termios, tcgetattr};
@@ -76,7 +76,7 @@ const fn is_lost_reading(event: &LineEvent) -> bool {
 
 /// How many readings of outputs were lost before a command ended with its reply alone. The last one
 /// ends it, and is reported after that.
-async fn readings_lost(events: &mut Events) -> usize {
+async fn readings_lost(events: &mut LineEvents) -> usize {
     let mut lost = 0;
     loop {
         let event = events.next().await.expect("the line is open");
@@ -264,7 +264,7 @@ async fn a_port_that_vanished_comes_back_under_its_name() {
 }
 
 /// Collects states until this one.
-async fn until(events: &mut Events, states: &mut Vec<LineState>, last: &LineState) {
+async fn until(events: &mut LineEvents, states: &mut Vec<LineState>, last: &LineState) {
     while let Some(event) = events.next().await {
         if let LineEvent::State(state) = event {
             states.push(state);

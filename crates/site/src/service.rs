@@ -35,7 +35,7 @@ use alarm::Alarm;
 use entries::Waits;
 use once::Once;
 use railbus_device::{Module, SetupError};
-use railbus_host::{Line, LineConfig, LineName, NameError, PortError, Probe, ProbeResult, Tap};
+use railbus_host::{Line, LineName, LineOptions, NameError, PortError, Probe, ProbeResult, Tap};
 use railbus_store::audit::{Audit, Entry, Origin};
 use railbus_wire::{Exchange, Instant, Micros, REPLY_TIMEOUT, Settings};
 use record::Journal;
@@ -177,7 +177,7 @@ impl Service {
         let kept = folder.map_or_else(|| Ok(Vec::new()), promise_file::open);
         let kept = kept.map_err(|why| StartError::Folder(why.kind()))?;
         let names: Vec<String> = config.lines.keys().cloned().collect();
-        let prepared: Vec<LineConfig> = names
+        let prepared: Vec<LineOptions> = names
             .iter()
             .map(|name| prepare(&config, name, polls))
             .collect::<Result<_, _>>()?;
@@ -236,7 +236,7 @@ impl Service {
     }
 
     /// Opens a line of a site that begins.
-    fn open(&self, name: &str, config: LineConfig) -> Result<(), StartError> {
+    fn open(&self, name: &str, config: LineOptions) -> Result<(), StartError> {
         let mut driven = self.inner.driven();
         let now = self.inner.now();
         if let Some(id) = driven.core.state(now).line_opens(name) {
@@ -403,13 +403,13 @@ impl Drop for Asking {
 }
 
 /// A line as the host wants it described.
-fn prepare(config: &Config, name: &str, polls: bool) -> Result<LineConfig, StartError> {
+fn prepare(config: &Config, name: &str, polls: bool) -> Result<LineOptions, StartError> {
     let wrong_port = |why| StartError::Port(name.to_owned(), why);
     let Some(line) = config.lines.get(name) else {
         return Err(wrong_port(NameError::Form));
     };
     let port: LineName = line.port.parse().map_err(wrong_port)?;
-    let mut prepared = LineConfig::new(port);
+    let mut prepared = LineOptions::new(port);
     prepared.serial.settings = line.serial;
     prepared.bus.echo = line.echo;
     for (module, described) in config.modules_of(name) {

@@ -8,8 +8,8 @@ use crate::api::convert;
 use crate::machine::Machine;
 use crate::machine::users::User;
 use railbus_host::{
-    AnyPort, Event, Fault, Line, LineConfig, LineEvent, LineName, Module, ModuleId, Op, Plan, Port,
-    SerialOptions, Settings, Terms,
+    AnyPort, Event, Fault, Line, LineEvent, LineName, LineOptions, Module, ModuleId, Op, Plan,
+    Port, SerialOptions, Settings, Terms,
 };
 use railbus_wire::{Decoded, Protocol, ascii, lc02, r55, rtu};
 use railbus_words::Lang;
@@ -173,7 +173,7 @@ async fn read(lang: Lang, line: &Chosen) -> Vec<Finding> {
         let text = lang.fill(FindingText::NoModules, &[("line", &line.name)]);
         return vec![Finding::good(Section::Modules, text)];
     }
-    let mut config = LineConfig::new(line.port.clone());
+    let mut config = LineOptions::new(line.port.clone());
     config.bus = line.bus;
     config.serial.settings = line.settings;
     for (_, module, plan) in &line.modules {

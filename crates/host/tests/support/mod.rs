@@ -6,7 +6,7 @@
 )]
 
 use railbus_device::{Eeprom, Engine, Input, Options, Output, Setup};
-use railbus_host::{Config, Family, LineConfig, LineName, Module, Plan, Protocol};
+use railbus_host::{Config, Family, LineName, LineOptions, Module, Plan, Protocol};
 use railbus_wire::{Address, Instant, Micros, Settings};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fd::OwnedFd;
@@ -60,13 +60,13 @@ pub fn module(setup: &Setup) -> Module {
 }
 
 /// A line with these modules.
-pub fn config(name: LineName, setups: &[Setup], plan: Plan) -> LineConfig {
-    let mut config = LineConfig::new(name);
+pub fn config(name: LineName, setups: &[Setup], plan: Plan) -> LineOptions {
+    let mut config = LineOptions::new(name);
     config.bus = Config {
         settle: Micros::from_millis(10),
         ..Config::default()
     };
-    let add = |config: LineConfig, setup| config.with(module(setup), plan);
+    let add = |config: LineOptions, setup| config.with(module(setup), plan);
     setups.iter().fold(config, add)
 }
 

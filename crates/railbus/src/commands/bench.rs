@@ -12,7 +12,7 @@ use clap::{ArgMatches, Command};
 use railbus_app::failure::Failure;
 use railbus_app::render::table::Table;
 use railbus_app::render::{Format, out, records};
-use railbus_host::{Line, LineConfig, Module, ModuleId, Op, Plan, PortError, Terms};
+use railbus_host::{Line, LineOptions, Module, ModuleId, Op, Plan, PortError, Terms};
 use railbus_site::config::wire_time;
 use railbus_wire::Micros;
 use railbus_words::Code;
@@ -114,7 +114,7 @@ async fn measure(
     time: Micros,
     stop: &mut stop::Stop,
 ) -> Result<(Vec<Tally>, f64), Failure> {
-    let mut config = LineConfig::new(line.port.clone());
+    let mut config = LineOptions::new(line.port.clone());
     config.bus = line.bus;
     for (_, module, plan) in &line.modules {
         config = config.with(module.clone(), *plan);

@@ -6,7 +6,7 @@ use super::Context;
 use super::place::{Place, port_failure};
 use railbus_app::failure::Failure;
 use railbus_commission::Risk;
-use railbus_host::{EchoMode, Fault, Line, LineConfig, Probe, ProbeResult, Settings};
+use railbus_host::{EchoMode, Fault, Line, LineOptions, Probe, ProbeResult, Settings};
 use railbus_wire::{Decoded, Exchange, Frame, Micros, Protocol, ascii, lc02, r55, rtu};
 use railbus_words::Code;
 
@@ -25,7 +25,7 @@ pub(super) struct OwnLine<'c> {
 impl<'c> OwnLine<'c> {
     /// Opens the port.
     pub(super) async fn open(context: &'c Context, place: &Place) -> Result<Self, Failure> {
-        let mut config = LineConfig::new(place.port.clone());
+        let mut config = LineOptions::new(place.port.clone());
         config.serial.settings = place.settings;
         config.bus.echo = place.echo;
         let failed = |error| port_failure(context, place, &error);

@@ -2,7 +2,7 @@
 
 use super::{Driven, Inner, lock, prepare, promise_file};
 use crate::core::{Core, Input, LineId, Now, Output, Reply, RequestId, State};
-use railbus_host::{Fault, Line, LineConfig, LineEvent, PortError, RunId, Terms};
+use railbus_host::{Fault, Line, LineEvent, LineOptions, PortError, RunId, Terms};
 use railbus_store::audit::Waiting;
 use railbus_wire::{Instant, Micros};
 use std::future::poll_fn;
@@ -78,7 +78,7 @@ impl Inner {
         self: &Arc<Inner>,
         driven: &mut Driven,
         (name, id): (&str, LineId),
-        mut config: LineConfig,
+        mut config: LineOptions,
     ) -> Result<Micros, PortError> {
         let (inner, line) = (Arc::downgrade(self), name.to_owned());
         config.observer = Some(Box::new(move |events| {

@@ -10,7 +10,7 @@ use railbus_app::failure::Failure;
 use railbus_app::scan::met;
 use railbus_commission::read_request;
 use railbus_commission::scan::ProbeOutcome;
-use railbus_host::{LateReply, Line, LineConfig, Probe, Probed};
+use railbus_host::{LateReply, Line, LineOptions, Probe, Probed};
 use railbus_wire::{Frame, Micros, Protocol};
 use railbus_words::Code;
 use railbus_words::hex;
@@ -26,7 +26,7 @@ pub(super) enum Asked {
 impl Asked {
     /// Opens the line.
     pub(super) async fn open(context: &Context, place: &Place) -> Result<Asked, Failure> {
-        let mut config = LineConfig::new(place.port.clone());
+        let mut config = LineOptions::new(place.port.clone());
         config.serial.settings = place.settings;
         let failed = |error| port_failure(context, place, &error);
         let line = Line::open(config).map_err(failed)?;
