@@ -3,7 +3,7 @@
 use crate::responder::Modules;
 use crate::scene::{Step, ask};
 use railbus_device::{Eeprom, Module, Options, Setup};
-use railbus_sim::{Act, Input, Line, LineConfig, ModuleId, demo};
+use railbus_sim::{Act, Input, SlotId, VirtualLine, VirtualLineConfig, demo};
 use railbus_wire::{Frame, Instant};
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -28,8 +28,8 @@ pub struct Said {
 /// One module, alone on a line in virtual time.
 struct Member {
     setup: Setup,
-    line: Line,
-    id: ModuleId,
+    line: VirtualLine,
+    id: SlotId,
     polls: Vec<Vec<u8>>,
     levels: u32,
 }
@@ -90,7 +90,7 @@ impl Live {
 
 impl Member {
     fn new(name: &str, setup: Setup) -> Result<Member, String> {
-        let mut line = Line::new(LineConfig::default());
+        let mut line = VirtualLine::new(VirtualLineConfig::default());
         let (eeprom, options) = (Eeprom::of(&setup), Options::default());
         let id = line.add(Instant(0), name, &setup, eeprom, options);
         let module = Module::new(setup).map_err(|why| why.to_string())?;

@@ -2,7 +2,7 @@
 //! modules gave beforehand.
 
 use railbus_device::{Bank, Eeprom, Family, Module, Op, Options, Setup};
-use railbus_sim::{Input, Line, LineConfig, Output, demo};
+use railbus_sim::{Input, Output, VirtualLine, VirtualLineConfig, demo};
 use railbus_wire::{Address, Channel, Frame, Instant, Micros, Protocol, Settings};
 
 /// Each protocol alone, and the demo line, where four of them are mixed.
@@ -101,7 +101,7 @@ fn step(module: &Module, op: &Op) -> Result<Option<Step>, String> {
         return Ok(None);
     };
     let setup = module.setup();
-    let mut line = Line::new(LineConfig::default());
+    let mut line = VirtualLine::new(VirtualLineConfig::default());
     line.add(
         Instant(0),
         "module",
@@ -131,7 +131,7 @@ fn step(module: &Module, op: &Op) -> Result<Option<Step>, String> {
 }
 
 /// What a line in virtual time answers within a second.
-pub fn ask(line: &mut Line, now: &mut Instant, request: &[u8]) -> Vec<u8> {
+pub fn ask(line: &mut VirtualLine, now: &mut Instant, request: &[u8]) -> Vec<u8> {
     let end = *now + Micros::from_secs(1);
     let settings = Settings::FACTORY;
     line.handle(

@@ -9,7 +9,7 @@ use super::pty::Pty;
 use super::stage::Stage;
 use super::tcp::Tcp;
 use railbus_api::sim::SimLineInfo;
-use railbus_sim::{Chunks, Input, LineConfig, Output};
+use railbus_sim::{Chunks, Input, Output, VirtualLineConfig};
 use railbus_wire::{Instant, Micros, Settings};
 use railbus_words::Lang;
 use std::io;
@@ -89,14 +89,14 @@ impl Stop {
 }
 
 /// The parameters of lines in real time.
-pub(super) fn line_config(seed: u64, traced: bool) -> LineConfig {
-    LineConfig {
+pub(super) fn line_config(seed: u64, traced: bool) -> VirtualLineConfig {
+    VirtualLineConfig {
         seed,
         // A frame is delivered when its last character has ended: one by one, a busy machine would
         // tear apart frames that no module tears apart.
         chunks: Chunks::Whole,
         trace: if traced { TRACE } else { 0 },
-        ..LineConfig::default()
+        ..VirtualLineConfig::default()
     }
 }
 

@@ -1,5 +1,5 @@
 //! One line of a plant in virtual time: its modules, changing inputs, and faults that come and go.
-//! The same shape as [`Line`]; there is no clock here.
+//! The same shape as [`VirtualLine`]; there is no clock here.
 
 mod part;
 #[cfg(test)]
@@ -9,7 +9,7 @@ pub(super) use part::Part;
 
 use super::active_faults::ActiveFaults;
 use railbus_device::{Eeprom, Point, Setup, SetupError};
-use railbus_sim::{Act, Input, Line, LineConfig, Output, Power};
+use railbus_sim::{Act, Input, Output, Power, VirtualLine, VirtualLineConfig};
 use railbus_site::config::{Fault, FaultOrder, Signal, SimModule};
 use railbus_wire::{Address, Instant, Micros, Protocol, Settings};
 use std::collections::BTreeMap;
@@ -23,7 +23,7 @@ const FOREVER: Micros = Micros(u64::MAX);
 #[derive(Clone, Debug)]
 pub(super) struct Stage {
     name: String,
-    line: Line,
+    line: VirtualLine,
     serial: Settings,
     faults: ActiveFaults,
     parts: Vec<Part>,
@@ -54,10 +54,10 @@ pub(super) enum ManualAction {
 
 impl Stage {
     /// A line with nothing on it.
-    pub(super) fn new(name: &str, config: LineConfig, serial: Settings) -> Stage {
+    pub(super) fn new(name: &str, config: VirtualLineConfig, serial: Settings) -> Stage {
         Stage {
             name: name.to_owned(),
-            line: Line::new(config),
+            line: VirtualLine::new(config),
             serial,
             faults: ActiveFaults::default(),
             parts: Vec::new(),
@@ -127,11 +127,11 @@ impl Stage {
         }
     }
 
-    pub(super) const fn line(&self) -> &Line {
+    pub(super) const fn line(&self) -> &VirtualLine {
         &self.line
     }
 
-    pub(super) const fn line_mut(&mut self) -> &mut Line {
+    pub(super) const fn line_mut(&mut self) -> &mut VirtualLine {
         &mut self.line
     }
 

@@ -4,7 +4,7 @@
 
 use railbus_device::{Eeprom, Family, Options, Setup};
 use railbus_sim::demo::Demo;
-use railbus_sim::{Chance, Faults, Input, Line, LineConfig, Output};
+use railbus_sim::{Chance, Faults, Input, Output, VirtualLine, VirtualLineConfig};
 use railbus_wire::{Address, Instant, Micros, Settings, crc16};
 
 const VIRTUAL: Micros = Micros::from_secs(3_600);
@@ -30,9 +30,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 }
 
 fn five_ovens(faults: Faults) -> Result<u64, Box<dyn std::error::Error>> {
-    let mut line = Line::new(LineConfig {
+    let mut line = VirtualLine::new(VirtualLineConfig {
         faults,
-        ..LineConfig::default()
+        ..VirtualLineConfig::default()
     });
     let options = Options {
         turnaround: Micros::from_millis(5),
@@ -50,7 +50,7 @@ fn five_ovens(faults: Faults) -> Result<u64, Box<dyn std::error::Error>> {
 }
 
 fn demo_line() -> Result<u64, Box<dyn std::error::Error>> {
-    let mut demo = Demo::new(Instant(0), LineConfig::default())?;
+    let mut demo = Demo::new(Instant(0), VirtualLineConfig::default())?;
     let requests = [
         b"$016\r".to_vec(),
         b"LW\x02\x03\x05\r".to_vec(),
@@ -100,7 +100,11 @@ fn talk(
     replies
 }
 
-fn line_step(line: &mut Line, now: Instant, input: Option<&[u8]>) -> (usize, Option<Instant>) {
+fn line_step(
+    line: &mut VirtualLine,
+    now: Instant,
+    input: Option<&[u8]>,
+) -> (usize, Option<Instant>) {
     line.handle(now, as_input(input));
     let mut heard = 0;
     loop {

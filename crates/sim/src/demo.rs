@@ -11,7 +11,7 @@
 //!
 //! Its inputs move by themselves: see [`pump_inputs`], [`gate_inputs`] and [`tank_analogs`].
 
-use crate::{Act, Input, Line, LineConfig, ModuleId, Output};
+use crate::{Act, Input, Output, SlotId, VirtualLine, VirtualLineConfig};
 use railbus_device::{Eeprom, Family, Options, Setup, SetupError};
 use railbus_wire::{Address, Instant, Micros, Protocol};
 
@@ -89,14 +89,14 @@ const fn soft(x: i64) -> i64 {
     (3_000 - 2 * x) * x * x / 1_000_000
 }
 
-/// The demo line, whose inputs move. Used like [`Line`].
+/// The demo line, whose inputs move. Used like [`VirtualLine`].
 #[derive(Clone, Debug)]
 pub struct Demo {
-    line: Line,
+    line: VirtualLine,
     step_at: Instant,
-    pump: ModuleId,
-    gate: ModuleId,
-    tank: ModuleId,
+    pump: SlotId,
+    gate: SlotId,
+    tank: SlotId,
     shown: Shown,
 }
 
@@ -123,8 +123,8 @@ impl Demo {
     ///
     /// # Errors
     /// None: the setups of the five modules are valid, which a test checks.
-    pub fn new(now: Instant, config: LineConfig) -> Result<Demo, SetupError> {
-        let mut line = Line::new(config);
+    pub fn new(now: Instant, config: VirtualLineConfig) -> Result<Demo, SetupError> {
+        let mut line = VirtualLine::new(config);
         let options = Options {
             turnaround: TURNAROUND,
             ..Options::default()
@@ -170,12 +170,12 @@ impl Demo {
 
     /// The line.
     #[must_use]
-    pub const fn line(&self) -> &Line {
+    pub const fn line(&self) -> &VirtualLine {
         &self.line
     }
 
     /// The line, for faults and for actions at a module.
-    pub const fn line_mut(&mut self) -> &mut Line {
+    pub const fn line_mut(&mut self) -> &mut VirtualLine {
         &mut self.line
     }
 
@@ -228,6 +228,6 @@ mod tests {
 
     #[test]
     fn the_five_modules_are_possible() {
-        assert!(Demo::new(Instant(0), LineConfig::default()).is_ok());
+        assert!(Demo::new(Instant(0), VirtualLineConfig::default()).is_ok());
     }
 }

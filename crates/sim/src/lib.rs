@@ -1,11 +1,11 @@
 //! A half-duplex line of I/O modules in virtual time.
 //!
-//! [`Line`] connects modules, a host and faults: characters take their time, two simultaneous
-//! senders collide, a module at another speed receives garbage, and faults are drawn from one seed,
-//! so a seed reproduces a run. Like all state machines in railbus it is driven by [`Line::handle`],
-//! which takes what happens, and [`Line::poll`], which is drained until it returns
-//! [`Output::Wait`]; each `Wait` replaces the previous deadline. There is no clock here: the driver
-//! may jump from deadline to deadline, or wait for a real clock to reach them.
+//! [`VirtualLine`] connects modules, a host and faults: characters take their time, two
+//! simultaneous senders collide, a module at another speed receives garbage, and faults are drawn
+//! from one seed, so a seed reproduces a run. Like all state machines in railbus it is driven by
+//! [`VirtualLine::handle`], which takes what happens, and [`VirtualLine::poll`], which is drained
+//! until it returns [`Output::Wait`]; each `Wait` replaces the previous deadline. There is no clock
+//! here: the driver may jump from deadline to deadline, or wait for a real clock to reach them.
 //!
 //! # Where things are
 //! - How a healthy module answers, and when, is `railbus_device`'s; here is what befalls it.
@@ -13,11 +13,11 @@
 //!   ([`Act`]): `slot`. Faults by chance: `faults`. The modules of the demo: `demo`.
 //!
 //! ```
-//! use railbus_sim::{Input, Line, LineConfig, Output};
+//! use railbus_sim::{Input, VirtualLine, VirtualLineConfig, Output};
 //! use railbus_device::{Eeprom, Family, Options, Setup};
 //! use railbus_wire::{Address, Instant, Settings};
 //!
-//! let mut line = Line::new(LineConfig::default());
+//! let mut line = VirtualLine::new(VirtualLineConfig::default());
 //! let oven = Setup::new(Family::Erc8, Address(1));
 //! line.add(Instant(0), "oven", &oven, Eeprom::of(&oven), Options::default())?;
 //!
@@ -51,6 +51,6 @@ mod talk;
 mod trace;
 
 pub use faults::{Chance, DurationRange, Faults, Injected};
-pub use line::{Chunks, Input, Line, LineConfig, Output};
-pub use slot::{Act, ModuleCounts, ModuleId, Power};
+pub use line::{Chunks, Input, Output, VirtualLine, VirtualLineConfig};
+pub use slot::{Act, ModuleCounts, Power, SlotId};
 pub use trace::{Trace, TraceDirection, TraceEntry};

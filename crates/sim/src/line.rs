@@ -7,7 +7,7 @@ mod talking;
 use crate::random::Random;
 use crate::slot::Slot;
 use crate::talk::{NEVER, State, Talk, Talker};
-use crate::{Act, Faults, Injected, ModuleCounts, ModuleId, Trace, TraceDirection};
+use crate::{Act, Faults, Injected, ModuleCounts, SlotId, Trace, TraceDirection};
 use railbus_device::{Eeprom, Effect, Engine, Options, Setup, SetupError};
 use railbus_wire::{Instant, Micros, Settings};
 use std::collections::VecDeque;
@@ -17,7 +17,7 @@ const BACKLOG_MAX: Micros = Micros::from_secs(60);
 
 /// The configuration of a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct LineConfig {
+pub struct VirtualLineConfig {
     /// The seed of everything random.
     pub seed: u64,
     /// The faults.
@@ -30,10 +30,10 @@ pub struct LineConfig {
     pub trace: usize,
 }
 
-impl Default for LineConfig {
+impl Default for VirtualLineConfig {
     /// No faults, no echo, whole frames, no trace.
-    fn default() -> LineConfig {
-        LineConfig {
+    fn default() -> VirtualLineConfig {
+        VirtualLineConfig {
             seed: 0,
             faults: Faults::NONE,
             echo: false,
@@ -68,7 +68,7 @@ pub enum Input<'a> {
         settings: Settings,
     },
     /// An action at a module.
-    Act(ModuleId, Act),
+    Act(SlotId, Act),
     /// The deadline of [`Output::Wait`] has come.
     Timeout,
 }
@@ -88,7 +88,7 @@ pub enum Output<'a> {
         /// When.
         at: Instant,
         /// Which module.
-        module: ModuleId,
+        module: SlotId,
         /// What.
         effect: Effect,
     },
@@ -96,7 +96,7 @@ pub enum Output<'a> {
     Wait(Option<Instant>),
 }
 
-/// An output for the driver; received characters are in [`Line::heard`].
+/// An output for the driver; received characters are in [`VirtualLine::heard`].
 #[derive(Clone, Copy, Debug)]
 enum Outgoing {
     Heard {
@@ -106,16 +106,16 @@ enum Outgoing {
     },
     Effect {
         at: Instant,
-        module: ModuleId,
+        module: SlotId,
         effect: Effect,
     },
 }
 
 /// A half-duplex line in virtual time.
 #[derive(Clone, Debug)]
-pub struct Line {
-    config: LineConfig,
-    /// The driver's last moment; what was due by then happens in [`Line::poll`].
+pub struct VirtualLine {
+    config: VirtualLineConfig,
+    /// The driver's last moment; what was due by then happens in [`VirtualLine::poll`].
     now: Instant,
     slots: Vec<Slot>,
     /// When each module is woken, in one place so that scanning them is fast.
@@ -123,7 +123,7 @@ pub struct Line {
     talks: Vec<Talk>,
     /// Finished talks, kept to reuse their memory.
     spare: Vec<Talk>,
-    acts: VecDeque<(Instant, ModuleId, Act)>,
+    acts: VecDeque<(Instant, SlotId, Act)>,
     noise_at: Instant,
     host_settings: Settings,
     host_free_at: Instant,
@@ -136,11 +136,11 @@ pub struct Line {
     trace: Option<Trace>,
 }
 
-impl Line {
+impl VirtualLine {
     /// A line without modules.
     #[must_use]
-    pub fn new(config: LineConfig) -> Line {
-        let mut line = Line {
+    pub fn new(config: VirtualLineConfig) -> VirtualLine {
+        let mut line = VirtualLine {
             config,
             now: Instant(0),
             slots: Vec::new(),
@@ -174,8 +174,8 @@ impl Line {
         setup: &Setup,
         eeprom: Eeprom,
         options: Options,
-    ) -> Result<ModuleId, SetupError> {
-        let id = ModuleId(self.slots.len());
+    ) -> Result<SlotId, SetupError> {
+        let id = SlotId(self.slots.len());
         self.slots
             .push(Slot::new(now, name, setup, eeprom, options)?);
         self.wakes.push(now);
@@ -222,12 +222,12 @@ impl Line {
         };
         for index in 0..self.slots.len() {
             let own = self.slots[index].own_faults;
-            self.set_module_faults(ModuleId(index), own);
+            self.set_module_faults(SlotId(index), own);
         }
     }
 
     /// Sets the faults of one module, in addition to those of the line.
-    pub fn set_module_faults(&mut self, module: ModuleId, faults: Faults) {
+    pub fn set_module_faults(&mut self, module: SlotId, faults: Faults) {
         let slot = &mut self.slots[module.0];
         slot.own_faults = faults;
         slot.faults = faults.on(self.config.faults);
@@ -247,7 +247,7 @@ impl Line {
     }
 
     /// Ends the garbage of a module or, if none is given, of the line.
-    pub fn hush(&mut self, module: Option<ModuleId>) {
+    pub fn hush(&mut self, module: Option<SlotId>) {
         let who = module.map_or(Talker::Noise, Talker::Module);
         for talk in &mut self.talks {
             if talk.who == who && talk.babble_until.is_some() {
@@ -257,59 +257,59 @@ impl Line {
     }
 
     /// All modules, in the order they were added.
-    pub fn modules(&self) -> impl Iterator<Item = ModuleId> + use<> {
-        (0..self.slots.len()).map(ModuleId)
+    pub fn modules(&self) -> impl Iterator<Item = SlotId> + use<> {
+        (0..self.slots.len()).map(SlotId)
     }
 
     /// The name of a module.
     #[must_use]
-    pub fn name(&self, module: ModuleId) -> &str {
+    pub fn name(&self, module: SlotId) -> &str {
         &self.slots[module.0].name
     }
 
-    /// The module, valid when [`Line::poll`] has returned `Wait`. Without power it is in the state
-    /// in which it would start.
+    /// The module, valid when [`VirtualLine::poll`] has returned `Wait`. Without power it is in the
+    /// state in which it would start.
     #[must_use]
-    pub fn engine(&self, module: ModuleId) -> &Engine {
+    pub fn engine(&self, module: SlotId) -> &Engine {
         &self.slots[module.0].engine
     }
 
     /// Whether the module has power.
     #[must_use]
-    pub fn is_powered(&self, module: ModuleId) -> bool {
+    pub fn is_powered(&self, module: SlotId) -> bool {
         self.slots[module.0].powered
     }
 
     /// Whether the module's LED is on.
     #[must_use]
-    pub fn is_lit(&self, module: ModuleId) -> bool {
+    pub fn is_lit(&self, module: SlotId) -> bool {
         self.slots[module.0].powered && self.slots[module.0].lit
     }
 
     /// The position of the module's DIP switch; 0 means that the address comes from the EEPROM.
     #[must_use]
-    pub fn dip(&self, module: ModuleId) -> u8 {
+    pub fn dip(&self, module: SlotId) -> u8 {
         self.slots[module.0].dip()
     }
 
     /// Whether the module's INIT* pin is grounded.
     #[must_use]
-    pub fn init_grounded(&self, module: ModuleId) -> bool {
+    pub fn init_grounded(&self, module: SlotId) -> bool {
         self.slots[module.0].init_grounded()
     }
 
     /// Counts for the module so far.
     #[must_use]
-    pub fn counts(&self, module: ModuleId) -> ModuleCounts {
+    pub fn counts(&self, module: SlotId) -> ModuleCounts {
         self.slots[module.0].counts
     }
 
     /// The powered modules that take these characters for the beginning of a request to them, or of
     /// a broadcast.
-    pub fn addressed<'a>(&'a self, bytes: &'a [u8]) -> impl Iterator<Item = ModuleId> + 'a {
+    pub fn addressed<'a>(&'a self, bytes: &'a [u8]) -> impl Iterator<Item = SlotId> + 'a {
         let is_meant = |slot: &Slot| slot.powered && slot.is_addressed(bytes);
         let slots = self.slots.iter().enumerate();
-        slots.filter_map(move |(index, slot)| is_meant(slot).then_some(ModuleId(index)))
+        slots.filter_map(move |(index, slot)| is_meant(slot).then_some(SlotId(index)))
     }
 
     /// When the host will have sent everything in its queue.
@@ -371,7 +371,7 @@ impl Line {
     fn wake_modules(&mut self, at: Instant) {
         for index in 0..self.slots.len() {
             if self.wakes[index] <= at {
-                self.wake(ModuleId(index), at);
+                self.wake(SlotId(index), at);
             }
         }
     }

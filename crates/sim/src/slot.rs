@@ -7,9 +7,9 @@ use railbus_wire::{Address, Instant, Micros, Protocol};
 
 /// The number of a module on a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct ModuleId(pub(crate) usize);
+pub struct SlotId(pub(crate) usize);
 
-impl ModuleId {
+impl SlotId {
     /// Its index among the modules of the line, from 0, in the order they were added.
     #[must_use]
     pub const fn index(self) -> usize {

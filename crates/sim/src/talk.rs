@@ -1,6 +1,6 @@
 //! Characters on the wire: what one sender sends without a pause.
 
-use crate::ModuleId;
+use crate::SlotId;
 use railbus_wire::{Character, Instant, Settings};
 
 /// Never.
@@ -10,7 +10,7 @@ pub(crate) const NEVER: Instant = Instant(u64::MAX);
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Talker {
     Host,
-    Module(ModuleId),
+    Module(SlotId),
     /// Noise: every receiver takes it for characters at its own speed.
     Noise,
 }
@@ -42,7 +42,7 @@ pub(crate) struct Talk {
     pub(crate) bytes: Vec<u8>,
     pub(crate) marks: Vec<(usize, Mark)>,
     /// The modules that do not receive it.
-    pub(crate) unheard_by: Vec<ModuleId>,
+    pub(crate) unheard_by: Vec<SlotId>,
     pub(crate) state: State,
     /// Others sent at the same time.
     pub(crate) clashes: bool,

@@ -4,7 +4,7 @@
 mod support;
 
 use railbus_device::{Family, Setup};
-use railbus_sim::{Input, Line, LineConfig, Output};
+use railbus_sim::{Input, Output, VirtualLine, VirtualLineConfig};
 use railbus_wire::{Address, Instant, Micros, Settings};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
@@ -40,7 +40,7 @@ unsafe impl GlobalAlloc for Counting {
 static ALLOCATOR: Counting = Counting;
 
 /// Asks module 1, waits 50 ms, and counts the characters heard.
-fn ask(line: &mut Line, now: &mut Instant, bytes: &[u8]) -> usize {
+fn ask(line: &mut VirtualLine, now: &mut Instant, bytes: &[u8]) -> usize {
     let settings = Settings::FACTORY;
     line.handle(*now, Input::Send { bytes, settings });
     let end = *now + Micros::from_millis(50);
@@ -63,7 +63,7 @@ fn ask(line: &mut Line, now: &mut Instant, bytes: &[u8]) -> usize {
 
 #[test]
 fn the_steady_state_allocates_nothing() {
-    let mut line = Line::new(LineConfig::default());
+    let mut line = VirtualLine::new(VirtualLineConfig::default());
     for address in 1..=5 {
         let setup = Setup::new(Family::Erc8, Address(address));
         let eeprom = railbus_device::Eeprom::of(&setup);

@@ -3,7 +3,7 @@
 mod support;
 
 use railbus_sim::demo::{Demo, gate_inputs, pump_inputs, tank_analogs};
-use railbus_sim::{Input, LineConfig, Output};
+use railbus_sim::{Input, Output, VirtualLineConfig};
 use railbus_wire::{Instant, Micros, Settings, crc16};
 use support::{hex, show};
 
@@ -14,7 +14,8 @@ struct Host {
 
 impl Host {
     fn new() -> Host {
-        let demo = Demo::new(Instant(0), LineConfig::default()).expect("five possible modules");
+        let demo =
+            Demo::new(Instant(0), VirtualLineConfig::default()).expect("five possible modules");
         let mut host = Host {
             demo,
             now: Instant(0),

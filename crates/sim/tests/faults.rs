@@ -3,7 +3,7 @@
 mod support;
 
 use railbus_device::{Eeprom, Effect, Family, Setup};
-use railbus_sim::{Act, Chance, DurationRange, Faults, Injected, LineConfig, ModuleId, Power};
+use railbus_sim::{Act, Chance, DurationRange, Faults, Injected, Power, SlotId, VirtualLineConfig};
 use railbus_wire::{Address, Instant, Micros, PulseWidth, Settings};
 use support::{Bench, hex, show};
 
@@ -13,10 +13,10 @@ const RELAY_2_ON: &str = "01 05 00 3D FF 00 1D F6";
 /// When the reply to a request sent at 100 ms begins without faults.
 const REPLY_BEGINS: Instant = Instant(100_000 + 8_334 + 3_646);
 
-fn oven_with(faults: Faults) -> (Bench, ModuleId) {
-    let (mut bench, oven) = Bench::with_oven(LineConfig {
+fn oven_with(faults: Faults) -> (Bench, SlotId) {
+    let (mut bench, oven) = Bench::with_oven(VirtualLineConfig {
         trace: 100,
-        ..LineConfig::default()
+        ..VirtualLineConfig::default()
     });
     bench.line.set_module_faults(oven, faults);
     (bench, oven)
@@ -100,7 +100,7 @@ fn a_lost_reply_was_yet_obeyed() {
 
 #[test]
 fn a_lost_request_is_lost_for_the_one_it_is_for() {
-    let mut bench = Bench::new(LineConfig::default());
+    let mut bench = Bench::new(VirtualLineConfig::default());
     let deaf = bench.add("deaf", Setup::new(Family::Erc8, Address(1)));
     let good = bench.add("good", Setup::new(Family::Erc8, Address(2)));
     bench.line.set_module_faults(deaf, Faults::DEAF);
@@ -193,12 +193,12 @@ fn who_babbles_is_hushed_within_a_character() {
 
 #[test]
 fn noise_comes_into_an_idle_line() {
-    let (mut bench, _) = Bench::with_oven(LineConfig {
+    let (mut bench, _) = Bench::with_oven(VirtualLineConfig {
         faults: Faults {
             noise_every: Some(Micros::from_millis(500)),
             ..Faults::NONE
         },
-        ..LineConfig::default()
+        ..VirtualLineConfig::default()
     });
     bench.heard.clear();
     bench.wait(100_000);
@@ -210,7 +210,7 @@ fn noise_comes_into_an_idle_line() {
 
 #[test]
 fn power_comes_back_with_what_the_eeprom_kept() {
-    let mut bench = Bench::new(LineConfig::default());
+    let mut bench = Bench::new(VirtualLineConfig::default());
     let setup = Setup::new(Family::Eda9060a, Address(1));
     let pump = bench.add("pump", setup);
     // Relays 0 and 2 give pulses of 20 s [EDA9060A §4.3].
@@ -232,7 +232,7 @@ fn power_comes_back_with_what_the_eeprom_kept() {
 
 #[test]
 fn what_lies_at_a_module_stays_when_its_power_goes() {
-    let mut bench = Bench::new(LineConfig::default());
+    let mut bench = Bench::new(VirtualLineConfig::default());
     let pump = bench.add("pump", Setup::new(Family::Eda9060a, Address(1)));
     bench.act(pump, Act::Levels(0b0010));
     bench.act(pump, Act::Power(Power::Cycle));
@@ -283,7 +283,7 @@ fn chance_cuts_the_power_and_brings_it_back() {
 
 #[test]
 fn the_makers_software_rewrites_what_no_frame_can() {
-    let mut bench = Bench::new(LineConfig::default());
+    let mut bench = Bench::new(VirtualLineConfig::default());
     let setup = Setup::new(Family::Eda9060a, Address(1));
     let pump = bench.add("pump", setup);
     let eeprom = Eeprom {
@@ -302,9 +302,9 @@ fn the_makers_software_rewrites_what_no_frame_can() {
 
 #[test]
 fn faults_of_the_line_are_those_of_every_module() {
-    let (mut bench, oven) = Bench::with_oven(LineConfig {
+    let (mut bench, oven) = Bench::with_oven(VirtualLineConfig {
         faults: Faults::MUTE,
-        ..LineConfig::default()
+        ..VirtualLineConfig::default()
     });
     assert_eq!(bench.ask_hex(RELAY_ON), "");
     bench.line.set_faults(Faults::NONE);

@@ -3,7 +3,7 @@
 mod support;
 
 use railbus_device::{Effect, Family, Options, Setup};
-use railbus_sim::{Act, Chunks, LineConfig, Power};
+use railbus_sim::{Act, Chunks, Power, VirtualLineConfig};
 use railbus_wire::{Address, Baud, Character, Instant, Micros, Settings};
 use support::{Bench, hex, show};
 
@@ -19,7 +19,7 @@ fn slow() -> Settings {
 
 #[test]
 fn every_character_takes_its_time() {
-    let (mut bench, oven) = Bench::with_oven(LineConfig::default());
+    let (mut bench, oven) = Bench::with_oven(VirtualLineConfig::default());
     bench.send(&hex(RELAY_ON));
     bench.wait(300);
     // The request ends after 8 characters of 10 bits; 3.5 characters of silence end the frame;
@@ -35,7 +35,7 @@ fn every_character_takes_its_time() {
 
 #[test]
 fn the_turnaround_lies_between() {
-    let mut bench = Bench::new(LineConfig::default());
+    let mut bench = Bench::new(VirtualLineConfig::default());
     let options = Options {
         turnaround: Micros::from_millis(5),
         ..Options::default()
@@ -48,9 +48,9 @@ fn the_turnaround_lies_between() {
 
 #[test]
 fn single_characters_are_heard_as_each_ends() {
-    let (mut bench, _) = Bench::with_oven(LineConfig {
+    let (mut bench, _) = Bench::with_oven(VirtualLineConfig {
         chunks: Chunks::Single,
-        ..LineConfig::default()
+        ..VirtualLineConfig::default()
     });
     bench.send(&hex(RELAY_ON));
     bench.wait(300);
@@ -66,10 +66,10 @@ fn single_characters_are_heard_as_each_ends() {
 #[test]
 fn random_pieces_are_never_heard_early() {
     for seed in 0..50 {
-        let (mut bench, _) = Bench::with_oven(LineConfig {
+        let (mut bench, _) = Bench::with_oven(VirtualLineConfig {
             seed,
             chunks: Chunks::Random,
-            ..LineConfig::default()
+            ..VirtualLineConfig::default()
         });
         bench.send(&hex(RELAY_ON));
         bench.wait(300);
@@ -85,7 +85,7 @@ fn random_pieces_are_never_heard_early() {
 
 #[test]
 fn the_host_hears_itself_only_with_echo() {
-    let (mut bench, _) = Bench::with_oven(LineConfig::default());
+    let (mut bench, _) = Bench::with_oven(VirtualLineConfig::default());
     assert_eq!(bench.ask_hex(RELAY_ON), RELAY_ON);
     bench.line.set_echo(true);
     assert_eq!(bench.ask_hex(RELAY_ON), format!("{RELAY_ON} {RELAY_ON}"));
@@ -93,7 +93,7 @@ fn the_host_hears_itself_only_with_echo() {
 
 #[test]
 fn what_is_sent_while_sending_follows_without_a_pause() {
-    let (mut bench, oven) = Bench::with_oven(LineConfig::default());
+    let (mut bench, oven) = Bench::with_oven(VirtualLineConfig::default());
     let request = hex(RELAY_ON);
     bench.send(&request[..3]);
     bench.wait(1);
@@ -110,7 +110,7 @@ fn what_is_sent_while_sending_follows_without_a_pause() {
 
 #[test]
 fn two_requests_in_one_are_answered_while_the_second_is_sent() {
-    let mut bench = Bench::new(LineConfig::default());
+    let mut bench = Bench::new(VirtualLineConfig::default());
     for address in [1, 2] {
         let setup = Setup::new(Family::Eda9060a, Address(address));
         bench.add(&format!("pump{address}"), setup);
@@ -126,7 +126,7 @@ fn two_requests_in_one_are_answered_while_the_second_is_sent() {
 
 #[test]
 fn two_modules_of_one_address_collide() {
-    let mut bench = Bench::new(LineConfig::default());
+    let mut bench = Bench::new(VirtualLineConfig::default());
     for name in ["oven", "twin"] {
         bench.add(name, Setup::new(Family::Erc8, Address(1)));
     }
@@ -142,7 +142,7 @@ fn two_modules_of_one_address_collide() {
 
 #[test]
 fn a_request_into_a_reply_spoils_both() {
-    let (mut bench, oven) = Bench::with_oven(LineConfig::default());
+    let (mut bench, oven) = Bench::with_oven(VirtualLineConfig::default());
     bench.send(&hex(RELAY_ON));
     // The reply begins at 111.980 ms. A second request begins 2 ms into it.
     bench.run_until(Instant(114_000));
@@ -161,7 +161,7 @@ fn a_request_into_a_reply_spoils_both() {
 
 #[test]
 fn a_module_of_another_speed_hears_garbage() {
-    let mut bench = Bench::new(LineConfig::default());
+    let mut bench = Bench::new(VirtualLineConfig::default());
     let setup = Setup {
         serial: slow(),
         ..Setup::new(Family::Erc8, Address(1))
@@ -178,7 +178,7 @@ fn a_module_of_another_speed_hears_garbage() {
 
 #[test]
 fn a_host_of_another_speed_hears_garbage_of_the_same_length() {
-    let mut bench = Bench::new(LineConfig::default());
+    let mut bench = Bench::new(VirtualLineConfig::default());
     let setup = Setup {
         serial: slow(),
         ..Setup::new(Family::Erc8, Address(1))
@@ -200,7 +200,7 @@ fn parity_must_agree_but_a_second_stop_bit_does_not_matter() {
         ..Settings::FACTORY
     };
     let answers = |module, asked| {
-        let mut bench = Bench::new(LineConfig::default());
+        let mut bench = Bench::new(VirtualLineConfig::default());
         let setup = Setup {
             serial: host(module),
             ..Setup::new(Family::Erc8, Address(1))
@@ -218,7 +218,7 @@ fn parity_must_agree_but_a_second_stop_bit_does_not_matter() {
 
 #[test]
 fn a_change_of_speed_acts_after_the_reply() {
-    let (mut bench, oven) = Bench::with_oven(LineConfig::default());
+    let (mut bench, oven) = Bench::with_oven(VirtualLineConfig::default());
     // Register 1, code 2: 19200 [ERC-8 §2]. Answered by its echo at 9600.
     let change = "01 06 00 01 00 02 59 CB";
     assert_eq!(bench.ask_hex(change), change);
@@ -236,7 +236,7 @@ fn a_change_of_speed_acts_after_the_reply() {
 
 #[test]
 fn more_than_a_minute_of_backlog_is_dropped() {
-    let mut bench = Bench::new(LineConfig::default());
+    let mut bench = Bench::new(VirtualLineConfig::default());
     for _ in 0..200 {
         bench.send(&[0x55; 1000]);
     }
@@ -246,7 +246,7 @@ fn more_than_a_minute_of_backlog_is_dropped() {
 
 #[test]
 fn what_a_module_did_is_counted() {
-    let (mut bench, oven) = Bench::with_oven(LineConfig::default());
+    let (mut bench, oven) = Bench::with_oven(VirtualLineConfig::default());
     let counts = |bench: &Bench| {
         let counts = bench.line.counts(oven);
         [counts.replies, counts.saves, counts.restarts]

@@ -3,7 +3,7 @@
 mod support;
 
 use railbus_sim::demo;
-use railbus_sim::{Act, Chance, Chunks, DurationRange, Faults, LineConfig, Power};
+use railbus_sim::{Act, Chance, Chunks, DurationRange, Faults, Power, VirtualLineConfig};
 use railbus_wire::Micros;
 use support::{Bench, hex};
 
@@ -35,12 +35,12 @@ fn all_faults() -> Faults {
 }
 
 fn run(seed: u64, chunks: Chunks) -> Bench {
-    let (mut bench, _) = Bench::with_oven(LineConfig {
+    let (mut bench, _) = Bench::with_oven(VirtualLineConfig {
         seed,
         faults: all_faults(),
         chunks,
         trace: 100_000,
-        ..LineConfig::default()
+        ..VirtualLineConfig::default()
     });
     for pause in 0..500 {
         bench.send(&hex(RELAY_ON));
@@ -76,9 +76,9 @@ fn another_seed_gives_another_run() {
 #[test]
 fn pieces_change_nothing() {
     let run = |chunks| {
-        let mut bench = Bench::new(LineConfig {
+        let mut bench = Bench::new(VirtualLineConfig {
             chunks,
-            ..LineConfig::default()
+            ..VirtualLineConfig::default()
         });
         for (name, setup) in demo::modules() {
             bench.add(name, setup);
@@ -128,9 +128,9 @@ fn every_fault_is_counted() {
 
 #[test]
 fn a_trace_reads_well() {
-    let (mut bench, oven) = Bench::with_oven(LineConfig {
+    let (mut bench, oven) = Bench::with_oven(VirtualLineConfig {
         trace: 100,
-        ..LineConfig::default()
+        ..VirtualLineConfig::default()
     });
     bench.ask_hex(RELAY_ON);
     bench.line.set_module_faults(oven, Faults::MUTE);
@@ -153,9 +153,9 @@ fn a_trace_reads_well() {
 
 #[test]
 fn a_trace_keeps_the_last_entries() {
-    let (mut bench, _) = Bench::with_oven(LineConfig {
+    let (mut bench, _) = Bench::with_oven(VirtualLineConfig {
         trace: 2,
-        ..LineConfig::default()
+        ..VirtualLineConfig::default()
     });
     bench.ask_hex(RELAY_ON);
     let expected = "     \

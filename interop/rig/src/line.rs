@@ -2,7 +2,7 @@
 
 use crate::describe::Description;
 use railbus_device::{Eeprom, Effect, SetupError};
-use railbus_sim::{Act, Chunks, Input, Line, LineConfig, ModuleId, Output};
+use railbus_sim::{Act, Chunks, Input, Output, SlotId, VirtualLine, VirtualLineConfig};
 use railbus_wire::{Character, Instant, Micros, Settings};
 use std::time::Duration;
 
@@ -14,10 +14,10 @@ const ANSWER: Micros = Micros::from_millis(300);
 
 /// A line whose clock is the real one plus the time that was skipped.
 pub struct Served {
-    line: Line,
+    line: VirtualLine,
     started: std::time::Instant,
     skipped: Micros,
-    changes: Vec<(ModuleId, Change)>,
+    changes: Vec<(SlotId, Change)>,
     /// What the host has received and the driver has not fetched yet.
     heard: Vec<u8>,
     /// How many bytes the host has received since it last sent.
@@ -34,9 +34,9 @@ impl Served {
     /// # Errors
     /// If a module can't be as described.
     pub fn new(modules: Vec<Description>) -> Result<Served, SetupError> {
-        let mut line = Line::new(LineConfig {
+        let mut line = VirtualLine::new(VirtualLineConfig {
             chunks: Chunks::Single,
-            ..LineConfig::default()
+            ..VirtualLineConfig::default()
         });
         for module in modules {
             let Description {
@@ -106,7 +106,7 @@ impl Served {
     }
 
     /// Operates a module, and carries it out.
-    pub fn act(&mut self, module: ModuleId, act: Act) {
+    pub fn act(&mut self, module: SlotId, act: Act) {
         self.line.handle(self.now(), Input::Act(module, act));
         self.run();
     }
@@ -119,23 +119,23 @@ impl Served {
     }
 
     /// The module of that name.
-    pub fn find(&self, name: &str) -> Option<ModuleId> {
+    pub fn find(&self, name: &str) -> Option<SlotId> {
         let mut modules = self.line.modules();
         modules.find(|module| self.line.name(*module) == name)
     }
 
     /// The real state of a module's outputs: bit n = output n is on.
-    pub fn outputs(&self, module: ModuleId) -> u32 {
+    pub fn outputs(&self, module: SlotId) -> u32 {
         self.line.engine(module).outputs()
     }
 
     /// The settings that a module has stored.
-    pub fn eeprom(&self, module: ModuleId) -> Eeprom {
+    pub fn eeprom(&self, module: SlotId) -> Eeprom {
         *self.line.engine(module).eeprom()
     }
 
     /// The changes of a module's outputs since the last call.
-    pub fn take_changes(&mut self, module: ModuleId) -> Vec<Change> {
+    pub fn take_changes(&mut self, module: SlotId) -> Vec<Change> {
         let of_module = self.changes.extract_if(.., |(whose, _)| *whose == module);
         of_module.map(|(_, change)| change).collect()
     }

@@ -4,7 +4,7 @@
 use crate::describe;
 use crate::line::Served;
 use railbus_device::Eeprom;
-use railbus_sim::{Act, ModuleId, Power};
+use railbus_sim::{Act, Power, SlotId};
 use railbus_wire::{Character, Micros};
 
 /// Carries out one command.
@@ -40,7 +40,7 @@ pub fn obey(served: &mut Served, line: &str) -> Result<String, String> {
     Ok(String::new())
 }
 
-fn act(served: &Served, module: ModuleId, verb: &str, rest: &[&str]) -> Result<Act, String> {
+fn act(served: &Served, module: SlotId, verb: &str, rest: &[&str]) -> Result<Act, String> {
     Ok(match (verb, rest) {
         ("power", ["off"]) => Act::Power(Power::Off),
         ("power", ["on"]) => Act::Power(Power::On),
@@ -58,7 +58,7 @@ fn act(served: &Served, module: ModuleId, verb: &str, rest: &[&str]) -> Result<A
     })
 }
 
-fn find(served: &Served, name: &str) -> Result<ModuleId, String> {
+fn find(served: &Served, name: &str) -> Result<SlotId, String> {
     served
         .find(name)
         .ok_or_else(|| format!("no module `{name}`"))

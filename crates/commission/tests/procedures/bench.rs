@@ -7,7 +7,9 @@ use railbus_commission::{
     TimedExchange,
 };
 use railbus_device::{Eeprom, Family, Options, Setup};
-use railbus_sim::{Act as Touch, Faults, Input, Line, LineConfig, ModuleId, Output, Power};
+use railbus_sim::{
+    Act as Touch, Faults, Input, Output, Power, SlotId, VirtualLine, VirtualLineConfig,
+};
 use railbus_wire::{Address, Frame, Instant, Micros};
 
 /// What fails at one act.
@@ -52,9 +54,9 @@ pub enum End<T> {
 
 /// One module and one of another model on a line, and a journal.
 pub struct Bench {
-    pub line: Line,
+    pub line: VirtualLine,
     pub now: Instant,
-    pub module: ModuleId,
+    pub module: SlotId,
     /// The journal's text.
     pub journal: String,
     /// How many acts were done.
@@ -70,7 +72,7 @@ pub struct Bench {
 
 impl Bench {
     pub fn new(setup: &Setup, options: Options) -> Bench {
-        let mut line = Line::new(LineConfig::default());
+        let mut line = VirtualLine::new(VirtualLineConfig::default());
         let now = Instant(0);
         let module = line
             .add(now, "module", setup, Eeprom::of(setup), options)
@@ -194,7 +196,7 @@ impl Bench {
         let bytes = frame.bytes();
         let unheard = !self.deaf_to.is_empty() && bytes.starts_with(&self.deaf_to);
         let cut = if unheard { Some(Cut::Lost) } else { cut };
-        let fault = |line: &mut Line, faults| line.set_module_faults(self.module, faults);
+        let fault = |line: &mut VirtualLine, faults| line.set_module_faults(self.module, faults);
         match cut {
             Some(Cut::Lost) => fault(&mut self.line, Faults::DEAF),
             Some(Cut::ReplyLost | Cut::After) => fault(&mut self.line, Faults::MUTE),

@@ -4,7 +4,9 @@ use railbus_bus::LateReply;
 use railbus_bus::{Bus, Config, Event, Input, Output, Probed};
 use railbus_commission::scan::{FoundModule, ProbeOutcome, ScanStep, Scanner, Scope};
 use railbus_device::{Eeprom, Effect, Family, Options, Setup};
-use railbus_sim::{Act, Chunks, Input as Told, Line, LineConfig, ModuleId, Output as Does, Power};
+use railbus_sim::{
+    Act, Chunks, Input as Told, Output as Does, Power, SlotId, VirtualLine, VirtualLineConfig,
+};
 use railbus_wire::{Address, Baud, Exchange, Frame, Instant, Micros, Protocol, Settings};
 
 /// How a scan went.
@@ -25,7 +27,7 @@ pub(crate) struct Ran {
 }
 
 pub(crate) struct Bench {
-    pub(crate) line: Line,
+    pub(crate) line: VirtualLine,
     pub(crate) now: Instant,
     bus: Bus,
     deadline: Option<Instant>,
@@ -35,7 +37,7 @@ pub(crate) struct Bench {
     probed: Option<(Probed, Micros)>,
     frames: Vec<Vec<u8>>,
     /// A module that drops its reply as soon as anything else is sent, in any protocol.
-    shy: Vec<ModuleId>,
+    shy: Vec<SlotId>,
     /// How often an output moved or a setting changed.
     pub(crate) moved: usize,
 }
@@ -43,10 +45,10 @@ pub(crate) struct Bench {
 impl Bench {
     pub(crate) fn new() -> Bench {
         let mut bench = Bench {
-            line: Line::new(LineConfig {
+            line: VirtualLine::new(VirtualLineConfig {
                 seed: 7,
                 chunks: Chunks::Single,
-                ..LineConfig::default()
+                ..VirtualLineConfig::default()
             }),
             now: Instant(0),
             bus: Bus::new(Config::default()),
@@ -63,7 +65,7 @@ impl Bench {
     }
 
     /// A module that begins to answer after this many milliseconds.
-    pub(crate) fn add(&mut self, setup: &Setup, turnaround: u64) -> ModuleId {
+    pub(crate) fn add(&mut self, setup: &Setup, turnaround: u64) -> SlotId {
         self.add_made_by(setup, turnaround, false)
     }
 
@@ -74,7 +76,7 @@ impl Bench {
     }
 
     /// Enables the extensions of one of our own modules.
-    pub(crate) fn add_made_by(&mut self, setup: &Setup, turnaround: u64, us: bool) -> ModuleId {
+    pub(crate) fn add_made_by(&mut self, setup: &Setup, turnaround: u64, us: bool) -> SlotId {
         let options = Options {
             extensions: us,
             turnaround: Micros::from_millis(turnaround),

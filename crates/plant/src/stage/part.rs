@@ -2,7 +2,7 @@
 
 use crate::active_faults::ActiveFaults;
 use railbus_device::{Eeprom, Point, PointKind, Setup};
-use railbus_sim::{Act, Input, Line, ModuleId};
+use railbus_sim::{Act, Input, SlotId, VirtualLine};
 use railbus_site::config::{Signal, Swing};
 use railbus_wire::{Address, Instant};
 use std::collections::BTreeMap;
@@ -13,7 +13,7 @@ pub(crate) struct Part {
     pub(crate) name: String,
     pub(crate) setup: Setup,
     pub(crate) faults: ActiveFaults,
-    pub(super) id: ModuleId,
+    pub(super) id: SlotId,
     /// The automatic signals at the inputs.
     pub(super) script: BTreeMap<Point, Signal>,
     /// Manual values that replace some of them.
@@ -32,12 +32,12 @@ pub(crate) struct Part {
 }
 
 impl Part {
-    pub(crate) const fn id(&self) -> ModuleId {
+    pub(crate) const fn id(&self) -> SlotId {
         self.id
     }
 
     /// The module's stored settings, without the address given by a fault.
-    pub(crate) fn kept(&self, line: &Line) -> Eeprom {
+    pub(crate) fn kept(&self, line: &VirtualLine) -> Eeprom {
         let eeprom = *line.engine(self.id).eeprom();
         let address = self.own_address.unwrap_or(eeprom.address);
         Eeprom { address, ..eeprom }
@@ -52,7 +52,7 @@ impl Part {
     }
 
     /// Power-up: the level at INIT* takes effect.
-    pub(super) fn look_at_init(&mut self, now: Instant, line: &mut Line) {
+    pub(super) fn look_at_init(&mut self, now: Instant, line: &mut VirtualLine) {
         if let Some(grounded) = self.init_unseen.take() {
             line.handle(now, Input::Act(self.id, Act::Init(grounded)));
         }
@@ -79,7 +79,7 @@ impl Part {
     }
 
     /// Updates the inputs.
-    pub(super) fn move_inputs(&mut self, at: Instant, line: &mut Line) {
+    pub(super) fn move_inputs(&mut self, at: Instant, line: &mut VirtualLine) {
         // An unconnected input is open.
         let (mut levels, mut analogs) = (self.setup.input_mask(), [0; 2]);
         for (point, signal) in self.signals() {

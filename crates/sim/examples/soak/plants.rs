@@ -2,14 +2,14 @@
 
 use crate::dice::Dice;
 use railbus_device::{Eeprom, Family, Layout, Options, Setup};
-use railbus_sim::{Chance, Chunks, DurationRange, Faults, LineConfig};
+use railbus_sim::{Chance, Chunks, DurationRange, Faults, VirtualLineConfig};
 use railbus_wire::{Address, Baud, Character, Micros, Protocol, PulseWidth, Settings};
 
 /// A line to run.
 #[derive(Clone, Debug)]
 pub(crate) struct Plant {
     /// What it is like.
-    pub(crate) line: LineConfig,
+    pub(crate) line: VirtualLineConfig,
     /// Whether replies are held back.
     pub(crate) stalls: Option<Stalls>,
     /// Its modules.
@@ -160,7 +160,7 @@ pub(crate) fn plant(line: usize, campaign: usize, seed: u64) -> Plant {
     let mut dice = Dice::new(seed ^ (line as u64) << 40 ^ (campaign as u64) << 50);
     let modules = LINES[line].1(&mut dice);
     let faults = CAMPAIGNS[campaign].1(&mut dice);
-    let line = LineConfig {
+    let line = VirtualLineConfig {
         seed: dice.next(),
         faults,
         echo: seed.is_multiple_of(2),

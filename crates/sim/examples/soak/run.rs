@@ -61,8 +61,8 @@ impl Report {
 struct Run {
     now: Instant,
     bus: bus::Bus,
-    line: sim::Line,
-    ids: Vec<sim::ModuleId>,
+    line: sim::VirtualLine,
+    ids: Vec<sim::SlotId>,
     setups: Vec<railbus_device::Setup>,
     oracle: Oracle,
     dice: Dice,
@@ -97,7 +97,7 @@ impl Run {
             ..bus::Config::default()
         };
         let mut bus = bus::Bus::new(config);
-        let mut line = sim::Line::new(plant.line);
+        let mut line = sim::VirtualLine::new(plant.line);
         let mut oracle = Oracle::default();
         let (mut ids, mut setups) = (Vec::new(), Vec::new());
         for (index, fitted) in plant.modules.iter().enumerate() {

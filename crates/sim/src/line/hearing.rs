@@ -1,8 +1,8 @@
 //! Delivers the characters on the wire to their receivers.
 
-use super::{Chunks, Line, Outgoing};
+use super::{Chunks, Outgoing, VirtualLine};
 use crate::talk::{Mark, State, Talk, Talker, understands};
-use crate::{ModuleId, TraceDirection};
+use crate::{SlotId, TraceDirection};
 use railbus_device::{Effect, Input, Output};
 use railbus_wire::{Instant, Settings};
 
@@ -20,12 +20,12 @@ enum Arrives {
 struct Heard<'a> {
     who: Talker,
     settings: Settings,
-    unheard_by: &'a [ModuleId],
+    unheard_by: &'a [SlotId],
     /// When the last of them ended.
     at: Instant,
 }
 
-impl Line {
+impl VirtualLine {
     /// Delivers the chunks that end now.
     pub(super) fn hand_out_chunks(&mut self, at: Instant) {
         for index in 0..self.talks.len() {
@@ -156,7 +156,7 @@ impl Line {
             return;
         }
         for index in 0..self.slots.len() {
-            let module = ModuleId(index);
+            let module = SlotId(index);
             if let Some(understood) = self.reaches(module, heard) {
                 let input = if understood {
                     Input::Bytes(bytes)
@@ -171,8 +171,8 @@ impl Line {
 
     fn all_hear_bad(&mut self, heard: Heard<'_>) {
         for index in 0..self.slots.len() {
-            if self.reaches(ModuleId(index), heard).is_some() {
-                self.tell(ModuleId(index), heard.at, Input::BadByte);
+            if self.reaches(SlotId(index), heard).is_some() {
+                self.tell(SlotId(index), heard.at, Input::BadByte);
             }
         }
         let garbage = self.random.byte();
@@ -180,7 +180,7 @@ impl Line {
     }
 
     /// Whether a module receives these characters at all, and whether it understands them.
-    fn reaches(&self, module: ModuleId, heard: Heard<'_>) -> Option<bool> {
+    fn reaches(&self, module: SlotId, heard: Heard<'_>) -> Option<bool> {
         let slot = &self.slots[module.0];
         let is_itself = heard.who == Talker::Module(module);
         if !slot.powered || is_itself || heard.unheard_by.contains(&module) {
@@ -231,12 +231,12 @@ impl Line {
     }
 
     /// Passes an input to a module, and does what it asks for.
-    pub(super) fn tell(&mut self, module: ModuleId, at: Instant, input: Input<'_>) {
+    pub(super) fn tell(&mut self, module: SlotId, at: Instant, input: Input<'_>) {
         self.slots[module.0].handle(at, input);
         self.drain(module, at);
     }
 
-    pub(super) fn drain(&mut self, module: ModuleId, at: Instant) {
+    pub(super) fn drain(&mut self, module: SlotId, at: Instant) {
         loop {
             match self.slots[module.0].engine.poll() {
                 Output::Effect(effect) => self.effect(module, at, effect),
@@ -256,7 +256,7 @@ impl Line {
         }
     }
 
-    pub(super) fn effect(&mut self, module: ModuleId, at: Instant, effect: Effect) {
+    pub(super) fn effect(&mut self, module: SlotId, at: Instant, effect: Effect) {
         if self.trace.is_some() {
             self.note_effect(module, at, effect);
         }
@@ -270,7 +270,7 @@ impl Line {
             .push_back(Outgoing::Effect { at, module, effect });
     }
 
-    fn note_effect(&mut self, module: ModuleId, at: Instant, effect: Effect) {
+    fn note_effect(&mut self, module: SlotId, at: Instant, effect: Effect) {
         let (event, number) = match effect {
             Effect::Output { channel, on: true } => ("output on", Some(channel.into())),
             Effect::Output { channel, on: false } => ("output off", Some(channel.into())),

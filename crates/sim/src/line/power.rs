@@ -1,14 +1,14 @@
 //! Actions at a module, and random losses of power.
 
-use super::Line;
+use super::VirtualLine;
 use crate::slot::Slot;
 use crate::talk::{NEVER, State, Talker};
-use crate::{Act, ModuleId, Power, TraceDirection};
+use crate::{Act, Power, SlotId, TraceDirection};
 use railbus_device::{Eeprom, Effect, Input};
 use railbus_wire::{Instant, Micros};
 
-impl Line {
-    pub(super) fn act(&mut self, at: Instant, module: ModuleId, act: Act) {
+impl VirtualLine {
+    pub(super) fn act(&mut self, at: Instant, module: SlotId, act: Act) {
         self.hand_out_ended(at);
         let eeprom = *self.slots[module.0].engine.eeprom();
         match act {
@@ -32,7 +32,7 @@ impl Line {
 
     /// A module's deadline: its reply has been sent, its power changes, or its engine has asked for
     /// it.
-    pub(super) fn wake(&mut self, module: ModuleId, at: Instant) {
+    pub(super) fn wake(&mut self, module: SlotId, at: Instant) {
         let slot = &mut self.slots[module.0];
         if slot.power_at <= at {
             self.chance_of_power(module, at);
@@ -44,7 +44,7 @@ impl Line {
         }
     }
 
-    fn tell_if_powered(&mut self, module: ModuleId, at: Instant, input: Input<'_>) {
+    fn tell_if_powered(&mut self, module: SlotId, at: Instant, input: Input<'_>) {
         if self.slots[module.0].powered {
             self.tell(module, at, input);
         } else {
@@ -53,14 +53,14 @@ impl Line {
         }
     }
 
-    fn restart(&mut self, module: ModuleId, at: Instant, eeprom: Eeprom) {
+    fn restart(&mut self, module: SlotId, at: Instant, eeprom: Eeprom) {
         self.power_off(module, at, eeprom);
         self.power_on(module, at);
     }
 
     /// Switches the power off: outputs drop, a character being sent is truncated, and everything
     /// not in the EEPROM is lost.
-    fn power_off(&mut self, module: ModuleId, at: Instant, eeprom: Eeprom) {
+    fn power_off(&mut self, module: SlotId, at: Instant, eeprom: Eeprom) {
         self.note(
             at,
             Talker::Module(module),
@@ -84,7 +84,7 @@ impl Line {
         }
     }
 
-    fn power_on(&mut self, module: ModuleId, at: Instant) {
+    fn power_on(&mut self, module: SlotId, at: Instant) {
         if self.slots[module.0].powered {
             return;
         }
@@ -105,7 +105,7 @@ impl Line {
     }
 
     /// Switches a module's power off or on at random.
-    fn chance_of_power(&mut self, module: ModuleId, at: Instant) {
+    fn chance_of_power(&mut self, module: SlotId, at: Instant) {
         let Slot {
             powered,
             faults,
@@ -124,7 +124,7 @@ impl Line {
         self.wakes[module.0] = back_at;
     }
 
-    pub(super) fn plan_power_cut(&mut self, module: ModuleId, at: Instant) {
+    pub(super) fn plan_power_cut(&mut self, module: SlotId, at: Instant) {
         let slot = &mut self.slots[module.0];
         slot.power_at = match slot.faults.cut_every {
             Some(mean) => at + self.random.around(mean),
@@ -134,7 +134,7 @@ impl Line {
         *wake = (*wake).min(slot.power_at);
     }
 
-    fn babble_module(&mut self, module: ModuleId, at: Instant, time: Micros) {
+    fn babble_module(&mut self, module: SlotId, at: Instant, time: Micros) {
         let slot = &self.slots[module.0];
         let settings = slot.engine.active().serial;
         if slot.powered {
@@ -142,7 +142,7 @@ impl Line {
         }
     }
 
-    fn note_touch(&mut self, module: ModuleId, at: Instant, act: Act) {
+    fn note_touch(&mut self, module: SlotId, at: Instant, act: Act) {
         let (event, number) = match act {
             Act::Levels(levels) => ("levels", Some(levels.into())),
             Act::Analog(0, value) => ("analog 1", u64::try_from(value).ok()),

@@ -1,14 +1,14 @@
 //! Sending, and random faults in what is sent.
 
-use super::{BACKLOG_MAX, Line};
+use super::{BACKLOG_MAX, VirtualLine};
 use crate::talk::{Mark, NEVER, State, Talk, Talker};
-use crate::{Faults, ModuleId, TraceDirection};
+use crate::{Faults, SlotId, TraceDirection};
 use railbus_wire::{Character, Instant, Micros, Settings};
 
 /// Babble consists of bursts of this many characters.
 const BURST: usize = 64;
 
-impl Line {
+impl VirtualLine {
     /// The host sends, after everything queued before.
     pub(super) fn send(&mut self, bytes: &[u8], settings: Settings) {
         self.host_settings = settings;
@@ -31,7 +31,7 @@ impl Line {
             let chance = slot.faults.lose_request;
             if slot.powered && slot.is_addressed(bytes) && self.random.happens(chance) {
                 self.injected.lost_requests += 1;
-                talk.unheard_by.push(ModuleId(index));
+                talk.unheard_by.push(SlotId(index));
             }
         }
         for index in 0..talk.unheard_by.len() {
@@ -44,7 +44,7 @@ impl Line {
     }
 
     /// A module starts to send its reply, which is in the scratch buffer.
-    pub(super) fn reply(&mut self, module: ModuleId, at: Instant) {
+    pub(super) fn reply(&mut self, module: SlotId, at: Instant) {
         let slot = &self.slots[module.0];
         let (faults, settings) = (slot.faults, slot.engine.active().serial);
         let mut reply = core::mem::take(&mut self.scratch);

@@ -6,24 +6,24 @@
 )]
 
 use railbus_device::{Eeprom, Effect, Family, Options, Setup};
-use railbus_sim::{Act, Input, Line, LineConfig, ModuleId, Output};
+use railbus_sim::{Act, Input, Output, SlotId, VirtualLine, VirtualLineConfig};
 use railbus_wire::{Address, Instant, Micros, Settings};
 
 /// A line, its host, and everything that happened so far.
 pub struct Bench {
-    pub line: Line,
+    pub line: VirtualLine,
     pub now: Instant,
     /// What the host heard: when the last character ended, and the characters.
     pub heard: Vec<(Instant, Vec<u8>)>,
     /// What the modules did, but for their LEDs.
-    pub effects: Vec<(Instant, ModuleId, Effect)>,
+    pub effects: Vec<(Instant, SlotId, Effect)>,
 }
 
 impl Bench {
     /// A line with nothing on it; its time begins at 0.
-    pub fn new(config: LineConfig) -> Bench {
+    pub fn new(config: VirtualLineConfig) -> Bench {
         Bench {
-            line: Line::new(config),
+            line: VirtualLine::new(config),
             now: Instant(0),
             heard: Vec::new(),
             effects: Vec::new(),
@@ -31,7 +31,7 @@ impl Bench {
     }
 
     /// A line with one ERC-8 at address 1, named `oven`, whose time stands at 100 ms.
-    pub fn with_oven(config: LineConfig) -> (Bench, ModuleId) {
+    pub fn with_oven(config: VirtualLineConfig) -> (Bench, SlotId) {
         let mut bench = Bench::new(config);
         let oven = bench.add("oven", Setup::new(Family::Erc8, Address(1)));
         bench.wait(100);
@@ -39,11 +39,11 @@ impl Bench {
     }
 
     /// Adds a module fresh from the factory, but for what the setup says.
-    pub fn add(&mut self, name: &str, setup: Setup) -> ModuleId {
+    pub fn add(&mut self, name: &str, setup: Setup) -> SlotId {
         self.add_with(name, setup, Options::default())
     }
 
-    pub fn add_with(&mut self, name: &str, setup: Setup, options: Options) -> ModuleId {
+    pub fn add_with(&mut self, name: &str, setup: Setup, options: Options) -> SlotId {
         let id = self
             .line
             .add(self.now, name, &setup, Eeprom::of(&setup), options)
@@ -63,7 +63,7 @@ impl Bench {
         self.drain();
     }
 
-    pub fn act(&mut self, module: ModuleId, act: Act) {
+    pub fn act(&mut self, module: SlotId, act: Act) {
         self.line.handle(self.now, Input::Act(module, act));
         self.drain();
     }
