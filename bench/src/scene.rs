@@ -3,7 +3,7 @@
 
 use railbus_device::{Bank, Eeprom, Family, Module, Op, Options, Setup};
 use railbus_sim::{Input, Output, VirtualLine, VirtualLineConfig, demo};
-use railbus_wire::{Address, Channel, Frame, Instant, Micros, Protocol, Settings};
+use railbus_wire::{Address, Channel, Frame, Instant, Micros, Protocol, SerialSettings};
 
 /// Each protocol alone, and the demo line, where four of them are mixed.
 pub const NAMES: [&str; 5] = ["rtu", "ascii", "lc02", "r55", "demo"];
@@ -133,7 +133,7 @@ fn step(module: &Module, op: &Op) -> Result<Option<Step>, String> {
 /// What a line in virtual time answers within a second.
 pub fn ask(line: &mut VirtualLine, now: &mut Instant, request: &[u8]) -> Vec<u8> {
     let end = *now + Micros::from_secs(1);
-    let settings = Settings::FACTORY;
+    let settings = SerialSettings::FACTORY;
     line.handle(
         *now,
         Input::Send {

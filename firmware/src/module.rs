@@ -3,7 +3,7 @@
 use crate::{Heard, Sensed, What};
 use railbus_device::{Eeprom, Effect, Engine, Input, Output, SetupError};
 use railbus_nvm::Record;
-use railbus_wire::{Instant, Micros, Settings};
+use railbus_wire::{Instant, Micros, SerialSettings};
 
 /// Inputs are read when a frame begins, unless that was done less than this ago: they are only
 /// needed for answers, so a silent line costs nothing.
@@ -31,7 +31,7 @@ pub trait Board {
     /// Releases the line and listens. Unsent bytes are dropped.
     fn listen(&mut self);
     /// Uses this speed and format from now on.
-    fn retune(&mut self, serial: Settings);
+    fn retune(&mut self, serial: SerialSettings);
     /// Lights the LED, or not.
     fn light(&mut self, lit: bool);
     /// Sets the outputs: bit n = output n is on.

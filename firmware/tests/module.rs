@@ -3,7 +3,7 @@
 use railbus_device::{Eeprom, Family, Setup};
 use railbus_firmware::{Board, Heard, Module, Pinned, Sensed, What};
 use railbus_nvm::Record;
-use railbus_wire::{Address, Instant, Micros, Settings};
+use railbus_wire::{Address, Instant, Micros, SerialSettings};
 use std::collections::VecDeque;
 
 /// Relay 1 on, and its reply: coil 60, decimal [ERC-8 §2].
@@ -14,7 +14,7 @@ const ON: [u8; 8] = [0x01, 0x05, 0x00, 0x3C, 0xFF, 0x00, 0x4C, 0x36];
 enum Told {
     Transmit(Vec<u8>),
     Listen,
-    Retune(Settings),
+    Retune(SerialSettings),
     Drive(u32),
     Save(Eeprom),
 }
@@ -50,7 +50,7 @@ impl Board for Bench {
     fn listen(&mut self) {
         self.told.push(Told::Listen);
     }
-    fn retune(&mut self, serial: Settings) {
+    fn retune(&mut self, serial: SerialSettings) {
         self.told.push(Told::Retune(serial));
     }
     fn light(&mut self, _lit: bool) {}
@@ -79,7 +79,7 @@ impl Bench {
 
     /// These characters are received from `from` on, at 9600 8N1.
     fn says(&mut self, from: u64, bytes: &[u8]) {
-        let ends = (1..).map(|count| Instant(from) + Settings::FACTORY.frame_time(count));
+        let ends = (1..).map(|count| Instant(from) + SerialSettings::FACTORY.frame_time(count));
         let heard = ends.zip(bytes).map(|(at, byte)| Heard {
             at,
             what: What::Byte(*byte),
@@ -112,7 +112,7 @@ fn a_module_starts_with_outputs_off_and_the_line_let_go() {
     let record = Record::factory(&Setup::new(Family::Erc8, Address(1))).unwrap();
     let mut bench = Bench::default();
     Module::new(&record, Instant(0)).unwrap().start(&mut bench);
-    let serial = Settings::FACTORY;
+    let serial = SerialSettings::FACTORY;
     assert_eq!(
         bench.told,
         [Told::Drive(0), Told::Retune(serial), Told::Listen]
@@ -127,7 +127,7 @@ fn the_relay_moves_before_the_reply_and_the_line_is_let_go_after_it() {
     assert_eq!(bench.told, [Told::Drive(1), Told::Transmit(ON.to_vec())]);
     // The last byte goes into the shift register, and takes a character to leave.
     bench.drained = Some(Instant(28_000));
-    let left = 28_000 + Settings::FACTORY.frame_time(1).0;
+    let left = 28_000 + SerialSettings::FACTORY.frame_time(1).0;
     bench.run(&mut module, left - 1);
     assert_eq!(bench.told.len(), 2, "it is still leaving");
     bench.run(&mut module, left);

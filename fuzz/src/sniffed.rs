@@ -6,11 +6,11 @@
 
 use railbus_sniff::capture::{self, Direction, ReadStep, Reader};
 use railbus_sniff::{Frame, Heard, Input, Listener, Output};
-use railbus_wire::{Instant, Micros, Settings};
+use railbus_wire::{Instant, Micros, SerialSettings};
 
 /// A line, in pieces whose lengths and pauses come from the bytes themselves.
 pub fn listened(data: &[u8]) {
-    let mut listener = Listener::new(Settings::FACTORY);
+    let mut listener = Listener::new(SerialSettings::FACTORY);
     let mut now = Instant(1_000_000);
     let mut told = Vec::new();
     let mut rest = data;

@@ -2,7 +2,7 @@
 
 use crate::ModuleId;
 use railbus_device::Op;
-use railbus_wire::{Exchange, Frame, Instant, Micros, Settings, ascii};
+use railbus_wire::{Exchange, Frame, Instant, Micros, SerialSettings, ascii};
 
 /// The longest pause inside a reply that an adapter delivers in pieces.
 pub const PIECE_PAUSE: Micros = Micros::from_millis(50);
@@ -123,7 +123,7 @@ pub struct Probe {
     /// What to ask.
     pub exchange: Exchange<'static>,
     /// Speed and character format to ask in.
-    pub settings: Settings,
+    pub settings: SerialSettings,
     /// The silence before it.
     pub gap: Micros,
     /// How long to wait for the reply to begin, from the end of the request.

@@ -59,7 +59,7 @@ pub use in_flight::{PIECE_PAUSE, Probe};
 use module_state::{HELD_BACK_MAX, ModuleState};
 use railbus_device::{Module, Observation, Op, Refusal};
 use railbus_wire::{
-    Decoded, Exchange, Frame, Instant, Malformed, Micros, Reply, Response, Settings, rtu,
+    Decoded, Exchange, Frame, Instant, Malformed, Micros, Reply, Response, SerialSettings, rtu,
 };
 use rx_buffer::{EchoChange, RxBuffer};
 
@@ -88,7 +88,7 @@ pub enum Output<'a> {
         /// The frame.
         bytes: &'a [u8],
         /// Speed and character format.
-        settings: Settings,
+        settings: SerialSettings,
     },
     /// Something happened.
     Event(Event),
@@ -113,7 +113,7 @@ pub struct Bus {
     /// The frame being sent, kept for the driver and to recognise its echo.
     outgoing: Frame,
     outgoing_taken: bool,
-    settings: Settings,
+    settings: SerialSettings,
     /// When the line was last busy: a received character, or the end of what was sent.
     busy_until: Instant,
     /// The line was idle when it was opened, and has been since.
@@ -161,7 +161,7 @@ impl Bus {
             last: Last::default(),
             outgoing: Frame::new(),
             outgoing_taken: true,
-            settings: Settings::FACTORY,
+            settings: SerialSettings::FACTORY,
             busy_until: Instant(0),
             at_rest: false,
             past: PortHistory::Unknown,

@@ -6,7 +6,7 @@ use crate::in_flight::{Job, Probe, write_frame};
 use crate::module_state::{ModuleState, TIMEOUT_MIN};
 use crate::{Bus, Event, Fault, Last, ModuleId, Probed, State, Terms, Ticket};
 use railbus_device::{Bank, Module, Op};
-use railbus_wire::{Exchange, Instant, Micros, Protocol, Settings, foreign_command};
+use railbus_wire::{Exchange, Instant, Micros, Protocol, SerialSettings, foreign_command};
 
 /// The longest queue of commands.
 pub const COMMANDS_MAX: usize = 64;
@@ -22,7 +22,7 @@ const PREEMPT_AFTER: Micros = Micros::from_millis(60);
 pub(crate) struct Work {
     job: Job,
     exchange: Exchange<'static>,
-    settings: Settings,
+    settings: SerialSettings,
     gap: Micros,
     timeout: Micros,
     /// It goes before commands.

@@ -8,8 +8,8 @@ use railbus_bus::{
 };
 use railbus_device::{Bank, Change, Family, Module, Op, Refusal, Setup};
 use railbus_wire::{
-    Address, Channel, Exchange, Instant, Malformed, Micros, Protocol, PulseWidth, Settings, ascii,
-    crc16, r55::U24,
+    Address, Channel, Exchange, Instant, Malformed, Micros, Protocol, PulseWidth, SerialSettings,
+    ascii, crc16, r55::U24,
 };
 use support::{Drive, Happening, millis};
 
@@ -211,7 +211,7 @@ fn commands_for_one_output_wait_for_a_read_back_that_is_lost() {
 fn a_request_that_was_given_up_haunts_the_line() {
     let mut line = Line::new(EchoMode::Off, &[board()]);
     assert_eq!(line.drive.bus.late_replies_until(), None);
-    let left = line.drive.now + Settings::FACTORY.frame_time(8);
+    let left = line.drive.now + SerialSettings::FACTORY.frame_time(8);
     line.submit(Op::Toggle(1));
     line.run(millis(50), |_| None);
     // It is not yet known whether it will be answered.
@@ -252,7 +252,7 @@ fn what_a_fence_has_ended_haunts_the_next_user_of_the_port() {
     let mut line = Line::of(config, &[board()]);
     line.submit(Op::ReadOutputs);
     line.run(millis(100), as_a_board);
-    let left = line.drive.now + Settings::FACTORY.frame_time(8);
+    let left = line.drive.now + SerialSettings::FACTORY.frame_time(8);
     line.submit(Op::ReadOutputs);
     line.frames.clear();
     line.run(millis(30), |_| None);
@@ -414,7 +414,7 @@ fn without_its_echo_a_reply_counts_only_where_it_is_none_itself() {
 #[test]
 fn a_slow_reply_is_forgotten_with_the_second_thousand_of_quick_ones() {
     let mut line = Line::new(EchoMode::Off, &[eda()]);
-    let frame_time = |bytes| Settings::FACTORY.frame_time(bytes);
+    let frame_time = |bytes| SerialSettings::FACTORY.frame_time(bytes);
     // 11 characters out, 8 back, to a command that is not sent twice.
     let set_pulse = Op::Configure(Change::Pulse {
         mask: 0,
@@ -518,7 +518,7 @@ fn replies_to_a_probe_that_is_over_are_told_of() {
     let exchange = Exchange::ascii(Address(1), false, ascii::Request::ReadName);
     let probe = Probe {
         exchange,
-        settings: Settings::FACTORY,
+        settings: SerialSettings::FACTORY,
         gap: millis(5),
         timeout: Micros::ZERO,
         clear: true,

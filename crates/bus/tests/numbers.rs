@@ -13,7 +13,7 @@ use railbus_bus::{
     Bus, Config, Confirmation, Event, Fault, Input, ModuleId, Plan, Presence, Terms, Ticket,
 };
 use railbus_device::{Bank, Eeprom, Engine, Family, Module, Op, Options, Setup};
-use railbus_wire::{Address, Baud, Channel, Instant, Micros, Protocol, Settings};
+use railbus_wire::{Address, Baud, Channel, Instant, Micros, Protocol, SerialSettings};
 use std::collections::{BTreeMap, HashMap};
 use support::{Drive, Happening, millis};
 
@@ -36,7 +36,7 @@ struct Bench {
     /// The time spent on unanswered requests to each module, including the gap.
     spent: Vec<Micros>,
     last_request: Instant,
-    last_settings: Option<Settings>,
+    last_settings: Option<SerialSettings>,
     random: u64,
 }
 
@@ -196,7 +196,7 @@ impl Bench {
         found.expect("a module's address")
     }
 
-    fn note_request(&mut self, frame: &[u8], settings: Settings, busy_until: Instant) {
+    fn note_request(&mut self, frame: &[u8], settings: SerialSettings, busy_until: Instant) {
         let now = self.now();
         let module = self.addressee(frame);
         let gap = self.modules[module].setup().request_gap();
@@ -459,9 +459,9 @@ fn reads_beside_a_dead_module(heard_before: bool, asked: bool) -> (usize, Vec<&'
     let setups: Vec<Setup> = (1..=8)
         .map(|address| Setup {
             protocol: Protocol::Rtu,
-            serial: Settings {
+            serial: SerialSettings {
                 baud: Baud::B19200,
-                ..Settings::FACTORY
+                ..SerialSettings::FACTORY
             },
             ..Setup::new(Family::Eda9060a, Address(address))
         })

@@ -346,7 +346,7 @@ impl Scenario {
                     settings,
                     end,
                 } => {
-                    let speed = if settings == railbus_wire::Settings::FACTORY {
+                    let speed = if settings == railbus_wire::SerialSettings::FACTORY {
                         String::new()
                     } else {
                         format!("  ({settings})")
@@ -363,7 +363,7 @@ impl Scenario {
         }
     }
 
-    fn answer(&mut self, request: &[u8], settings: railbus_wire::Settings, end: Instant) {
+    fn answer(&mut self, request: &[u8], settings: railbus_wire::SerialSettings, end: Instant) {
         match self.answers.pop_front() {
             None | Some(Answer::Alive) if self.unheard.iter().any(|other| other == request) => {}
             None | Some(Answer::Alive) => self.drive.ask_players(end, request),

@@ -10,7 +10,7 @@ use super::{
 };
 use crate::settings::{Wanted, differences};
 use railbus_device::{Change, Module, Observation, Op, Refusal, Setup};
-use railbus_wire::{Frame, Micros, Protocol, Settings};
+use railbus_wire::{Frame, Micros, Protocol, SerialSettings};
 
 /// Pause after a write [EDA §1.7].
 const SETTLE: Micros = Micros::from_millis(300);
@@ -165,7 +165,7 @@ async fn check_vacancy(
     to: BusAddress,
 ) -> Result<(), ProcedureError> {
     let moves = from.address != to.address;
-    let mut serials: Vec<Settings> = vec![from.serial, to.serial];
+    let mut serials: Vec<SerialSettings> = vec![from.serial, to.serial];
     serials.dedup();
     // At its own address and speed, the module itself answers.
     serials.retain(|serial| moves || *serial != from.serial);

@@ -9,7 +9,7 @@ use crate::risk::Risk;
 use railbus_bus::LATE_MIN;
 use railbus_device::{Module, Observation, Op, Setup};
 use railbus_wire::{
-    Exchange, Frame, Instant, Micros, Protocol, REPLY_TIMEOUT, Settings, foreign_command,
+    Exchange, Frame, Instant, Micros, Protocol, REPLY_TIMEOUT, SerialSettings, foreign_command,
 };
 use std::fmt;
 use std::future::{Future, poll_fn};
@@ -42,7 +42,7 @@ pub struct TimedExchange {
     /// The exchange, which also decodes its reply.
     pub exchange: Exchange<'static>,
     /// Speed and character format.
-    pub settings: Settings,
+    pub settings: SerialSettings,
     /// The gap before it.
     pub quiet: Micros,
     /// Timeout of the reply, its own time on the wire included.
@@ -219,7 +219,7 @@ struct Paper {
     /// Requests whose replies may still arrive, and until when.
     ghosts: Vec<(Exchange<'static>, Instant)>,
     /// Speed and format of the last request.
-    settings: Option<Settings>,
+    settings: Option<SerialSettings>,
     /// The last request, which a second module may answer, too.
     last: Option<Exchange<'static>>,
     /// It did.

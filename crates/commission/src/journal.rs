@@ -5,7 +5,7 @@
 
 use super::{BusAddress, Found};
 use railbus_device::Setup;
-use railbus_wire::{Address, Baud, Character, Settings};
+use railbus_wire::{Address, Baud, Character, SerialSettings};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -98,7 +98,7 @@ impl Spot {
     pub fn place(&self) -> Option<BusAddress> {
         Some(BusAddress {
             address: Address(self.address),
-            serial: Settings {
+            serial: SerialSettings {
                 baud: Baud::from_rate(self.baud)?,
                 character: Character::from_name(&self.format)?,
             },

@@ -1,7 +1,7 @@
 //! Where a module answers, and which settings it has stored.
 
 use railbus_device::Setup;
-use railbus_wire::{Address, Baud, Character, PulseWidth, Settings};
+use railbus_wire::{Address, Baud, Character, PulseWidth, SerialSettings};
 
 /// Where a module answers: what a host must know to talk to it, apart from its protocol.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -9,7 +9,7 @@ pub struct BusAddress {
     /// Its address.
     pub address: Address,
     /// Speed and character format.
-    pub serial: Settings,
+    pub serial: SerialSettings,
     /// Its ASCII frames carry a checksum.
     pub checksum: bool,
 }
@@ -110,7 +110,7 @@ impl Kept {
     pub fn place(&self, before: BusAddress) -> BusAddress {
         BusAddress {
             address: self.address.unwrap_or(before.address),
-            serial: Settings {
+            serial: SerialSettings {
                 baud: self.baud.unwrap_or(before.serial.baud),
                 character: self.character.unwrap_or(before.serial.character),
             },

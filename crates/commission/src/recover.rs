@@ -8,7 +8,7 @@ use super::stages::WriteStep;
 use super::{ChangeOrigin, JournalRecord, Procedure, ProcedureError, Progress, RecordState, Sight};
 use crate::settings::Wanted;
 use railbus_device::{Change, Setup};
-use railbus_wire::{Address, Protocol, Settings};
+use railbus_wire::{Address, Protocol, SerialSettings};
 
 /// Where a module is looked for.
 #[derive(Clone, Debug)]
@@ -222,7 +222,7 @@ fn outwards(search: &Search) -> Vec<BusAddress> {
         for (_, baud) in profile.bauds {
             for (_, character) in profile.characters {
                 for checksum in [near.checksum, !near.checksum] {
-                    let serial = Settings {
+                    let serial = SerialSettings {
                         baud: *baud,
                         character: *character,
                     };

@@ -6,7 +6,7 @@ use railbus_bus::LATE_MIN;
 use railbus_device::Setup;
 use railbus_wire::rtu::{BitSpan, Request};
 use railbus_wire::{
-    Address, Exchange, Micros, Protocol, REPLY_TIMEOUT, Settings, ascii, lc02, r55,
+    Address, Exchange, Micros, Protocol, REPLY_TIMEOUT, SerialSettings, ascii, lc02, r55,
 };
 
 /// Timeout of a reply, the same as on the line itself.
@@ -35,7 +35,7 @@ pub(crate) async fn check(
     desk: &Desk,
     setup: &Setup,
     address: Address,
-    serials: &[Settings],
+    serials: &[SerialSettings],
     neighbours: &[Neighbour],
 ) -> Result<(), ProcedureError> {
     // A neighbour may be switched off at the moment.

@@ -6,7 +6,7 @@
 
 use crate::{Family, Setup, Sign};
 use core::fmt;
-use railbus_wire::{Address, Protocol, Settings};
+use railbus_wire::{Address, Protocol, SerialSettings};
 
 /// A text for people, in English and in Chinese.
 pub type Bilingual = [&'static str; 2];
@@ -189,7 +189,7 @@ pub struct Factory {
     /// The address.
     pub address: Address,
     /// Speed and character format.
-    pub serial: Settings,
+    pub serial: SerialSettings,
     /// The calibration voltage, in hundredths, if it has one.
     pub voltage: Option<u16>,
 }

@@ -11,7 +11,7 @@ pub(crate) use host::{exchange, group, interpret, recognises};
 
 use crate::Family;
 use crate::datasheet::{Access, Bilingual, Factory, Key, PerProtocol, StoredSetting};
-use railbus_wire::{Address, Baud, Protocol, Settings};
+use railbus_wire::{Address, Baud, Protocol, SerialSettings};
 
 /// The baud rates and their codes, the same in all three protocols [EDA §1.2].
 pub(crate) static BAUDS: [(u8, Baud); 5] = [
@@ -25,7 +25,7 @@ pub(crate) static BAUDS: [(u8, Baud); 5] = [
 /// As shipped [EDA §1.1, §1.3].
 pub(crate) const FACTORY: Factory = Factory {
     address: Address(1),
-    serial: Settings::FACTORY,
+    serial: SerialSettings::FACTORY,
     voltage: None,
 };
 

@@ -13,7 +13,8 @@ use crate::sign::{ReadOutcome, Sign};
 use crate::{Bank, Change, Observation, Op, Profile, Setup};
 use railbus_wire::rtu::{self, BitSpan, Exception, Function, Request, WordBlock, WordSpan};
 use railbus_wire::{
-    Address, Baud, Character, Exchange, Frame, Instant, Micros, Protocol, Response, Settings, Words,
+    Address, Baud, Character, Exchange, Frame, Instant, Micros, Protocol, Response, SerialSettings,
+    Words,
 };
 
 /// The datasheet as data.
@@ -53,7 +54,7 @@ pub(crate) static DATASHEET: Datasheet = Datasheet {
     // [EMD-2A2Q §1.2, §1.3, §4.5]; a reset leads there, too [EMD-2A2Q §5.8].
     factory: Factory {
         address: Address(1),
-        serial: Settings::FACTORY,
+        serial: SerialSettings::FACTORY,
         voltage: Some(500),
     },
     serial_as_one: false,
@@ -336,7 +337,7 @@ fn start(state: &mut DeviceState, now: Instant, command: u16, eeprom: Eeprom) {
         state.calibrating = None;
         *state.keep() = Eeprom {
             address: Address(1),
-            serial: Settings::FACTORY,
+            serial: SerialSettings::FACTORY,
             calibration: Calibration::NEUTRAL,
             ..eeprom
         };

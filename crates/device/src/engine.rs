@@ -11,7 +11,7 @@ mod timers;
 use crate::extensions::{self, count};
 use crate::{Extensions, Family, Setup, SetupError, eda, emd2a2q, erc8, r55};
 use railbus_wire::{
-    Address, Frame, Instant, Micros, Protocol, PulseWidth, Settings, ascii, lc02, rtu,
+    Address, Frame, Instant, Micros, Protocol, PulseWidth, SerialSettings, ascii, lc02, rtu,
 };
 use receiver::Receiver;
 pub(crate) use state::DeviceState;
@@ -22,7 +22,7 @@ pub struct Eeprom {
     /// Its address.
     pub address: Address,
     /// Speed and character format.
-    pub serial: Settings,
+    pub serial: SerialSettings,
     /// The protocol it uses. No frame can set it: the maker's software does.
     pub protocol: Protocol,
     /// Its ASCII frames carry a checksum.
@@ -157,7 +157,7 @@ pub enum Effect {
     /// The LED is now on or off.
     Led(bool),
     /// Use these settings from now on.
-    Serial(Settings),
+    Serial(SerialSettings),
     /// Store this in non-volatile memory.
     Save(Eeprom),
 }
@@ -183,7 +183,7 @@ pub struct Engine {
 struct Reported {
     outputs: u32,
     led: Option<bool>,
-    serial: Settings,
+    serial: SerialSettings,
     eeprom: Eeprom,
 }
 

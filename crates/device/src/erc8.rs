@@ -13,7 +13,7 @@ use crate::sign::{ReadOutcome, Sign};
 use crate::{Bank, Change, Observation, Op, Profile, Setup};
 use railbus_wire::rtu::{self, BitSpan, Exception, Function, Request, WordSpan};
 use railbus_wire::{
-    Address, Baud, Character, Exchange, Frame, Micros, Protocol, Response, Settings,
+    Address, Baud, Character, Exchange, Frame, Micros, Protocol, Response, SerialSettings,
 };
 
 /// The datasheet as data.
@@ -53,7 +53,7 @@ pub(crate) static DATASHEET: Datasheet = Datasheet {
     // [ERC-8 §1.2, §1.3]
     factory: Factory {
         address: Address(1),
-        serial: Settings::FACTORY,
+        serial: SerialSettings::FACTORY,
         voltage: None,
     },
     serial_as_one: false,

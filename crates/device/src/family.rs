@@ -3,7 +3,7 @@
 use crate::datasheet::Datasheet;
 use crate::{eda9050, eda9060a, emd2a2q, erc8, r55};
 use core::fmt;
-use railbus_wire::{Address, Baud, Character, Micros, Protocol, Settings};
+use railbus_wire::{Address, Baud, Character, Micros, Protocol, SerialSettings};
 
 /// A kind of module.
 ///
@@ -221,7 +221,7 @@ pub struct Setup {
     /// The protocol it uses.
     pub protocol: Protocol,
     /// Speed and character format.
-    pub serial: Settings,
+    pub serial: SerialSettings,
     /// Its ASCII frames carry a checksum.
     pub checksum: bool,
     /// How many outputs it has. Only 0x55 boards differ.
@@ -284,7 +284,7 @@ impl Setup {
             family,
             address,
             protocol: profile.protocols.first().copied().unwrap_or(Protocol::Rtu),
-            serial: Settings::FACTORY,
+            serial: SerialSettings::FACTORY,
             checksum: false,
             outputs: profile.outputs,
             inputs: if family == Family::R55 {
@@ -436,7 +436,7 @@ impl Setup {
         &self,
         profile: &Profile,
         protocol: Protocol,
-        serial: Settings,
+        serial: SerialSettings,
     ) -> Micros {
         match (self.gap, profile.gap, protocol) {
             (Some(gap), ..) => gap,

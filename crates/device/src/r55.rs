@@ -10,7 +10,7 @@ use crate::{Bank, Change, Family, Layout, Observation, Op, Profile, Setup};
 use railbus_wire::r55::{BROADCAST, Exchange, FRAME_LEN, Request, Response, U24};
 use railbus_wire::{
     Address, Baud, Channel, Character, Decoded, Frame, Instant, Malformed, Micros, Protocol, Reply,
-    Settings,
+    SerialSettings,
 };
 
 /// The datasheet as data.
@@ -45,7 +45,7 @@ pub(crate) static DATASHEET: Datasheet = Datasheet {
     // [R55 §1.5]; the sheet names no address.
     factory: Factory {
         address: Address(1),
-        serial: Settings::FACTORY,
+        serial: SerialSettings::FACTORY,
         voltage: None,
     },
     serial_as_one: false,

@@ -7,7 +7,7 @@ use railbus_device::{
     Bank, Calibration, Change, Eeprom, Effect, Family, Input, Module, Observation, Op, Options,
     Setup,
 };
-use railbus_wire::{Address, Baud, Channel, Character, Instant, Micros, Settings};
+use railbus_wire::{Address, Baud, Channel, Character, Instant, Micros, SerialSettings};
 use support::{Bench, hex, request, seen, with_crc};
 
 fn setup(address: u8) -> Setup {
@@ -110,7 +110,7 @@ fn calibration_of_zero() {
     module.wait(50);
     module.did();
     module.send(&with_crc(&hex("01 06 0005 0001")));
-    let begun = module.now + Settings::FACTORY.t3_5();
+    let begun = module.now + SerialSettings::FACTORY.t3_5();
     assert!(module.run_until(begun + Micros::from_millis(100)).is_some());
     assert_eq!(register(&mut module, 5), 1);
     module.wait(1000);
@@ -181,7 +181,7 @@ fn configured() -> Bench {
         zero: [5, 6],
         span: [(900, 1000), (1100, 1000)],
     };
-    let serial = Settings {
+    let serial = SerialSettings {
         baud: Baud::B19200,
         character: Character::E1,
     };
@@ -212,7 +212,7 @@ fn restore() {
         module.did(),
         [
             (understood, Effect::Save(shipped)),
-            (left, Effect::Serial(Settings::FACTORY)),
+            (left, Effect::Serial(SerialSettings::FACTORY)),
         ]
     );
     assert_eq!(module.engine.outputs(), 0b10);
@@ -288,7 +288,7 @@ fn broadcast_settings_act_at_once() {
     module.wait(50);
     module.did();
     module.send(&with_crc(&hex("00 06 0002 0004")));
-    let understood: Instant = module.now + Settings::FACTORY.t3_5();
+    let understood: Instant = module.now + SerialSettings::FACTORY.t3_5();
     module.wait(100);
     let times: Vec<Instant> = module.did().into_iter().map(|(at, _)| at).collect();
     assert_eq!(times, [understood; 2], "saved and in force");

@@ -2,7 +2,7 @@
 //! `Setup::check` refuses.
 
 use railbus_device::{Family, Layout, Module, Op, Point, PointKind, Setup, SetupError};
-use railbus_wire::{Address, Baud, Character, Micros, Protocol, Settings, r55::U24};
+use railbus_wire::{Address, Baud, Character, Micros, Protocol, SerialSettings, r55::U24};
 
 /// A module in the middle of its addresses.
 fn setup(family: Family) -> Setup {
@@ -134,7 +134,7 @@ fn addresses() {
 #[test]
 fn as_shipped() {
     for family in Family::ALL {
-        let Settings { baud, character } = setup(family).serial;
+        let SerialSettings { baud, character } = setup(family).serial;
         assert_eq!((baud.rate(), character), (9600, Character::N1), "{family}");
         assert_eq!(setup(family).check(), Ok(()));
     }
@@ -157,7 +157,7 @@ fn speeds_and_character_formats() {
     for (family, rates, characters) in table {
         for baud in Baud::ALL {
             for character in [N1, E1, O1, N2] {
-                let serial = Settings { baud, character };
+                let serial = SerialSettings { baud, character };
                 let expected = if !rates.contains(&baud.rate()) {
                     Err(SetupError::Baud)
                 } else if !characters.contains(&character) {
@@ -182,9 +182,9 @@ fn speeds_and_character_formats() {
 fn gaps() {
     let rtu = |family, baud| Setup {
         protocol: Protocol::Rtu,
-        serial: Settings {
+        serial: SerialSettings {
             baud,
-            ..Settings::FACTORY
+            ..SerialSettings::FACTORY
         },
         ..setup(family)
     };

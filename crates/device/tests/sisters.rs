@@ -4,7 +4,7 @@
 mod support;
 
 use railbus_device::{Applies, Eeprom, Effect, Family, Input, Options, Setup};
-use railbus_wire::{Address, Baud, Character, Exchange, Instant, Micros, Settings, rtu};
+use railbus_wire::{Address, Baud, Character, Exchange, Instant, Micros, SerialSettings, rtu};
 use support::{Bench, hex, with_crc};
 
 /// Where the maps of the two differ.
@@ -105,7 +105,7 @@ fn speeds_and_parities_are_written() {
                 module.ask_rtu(&sister.set(1, 2, parity.into()));
                 let baud = Baud::from_rate(*rate).expect("a speed");
                 let active = module.engine.active().serial;
-                assert_eq!(active, Settings { baud, character });
+                assert_eq!(active, SerialSettings { baud, character });
                 let read = sister.settings(&mut module, 1);
                 assert_eq!(read, Some(vec![0, 1, 0, code, 0, parity]));
             }
@@ -128,13 +128,13 @@ fn settings_act_after_the_reply() {
         module.wait(50);
         module.did();
         module.send(&with_crc(&hex(&sister.set(1, 2, 2))));
-        let understood = module.now + Settings::FACTORY.t3_5();
-        let left = understood + Settings::FACTORY.frame_time(8);
+        let understood = module.now + SerialSettings::FACTORY.t3_5();
+        let left = understood + SerialSettings::FACTORY.frame_time(8);
         let reply = module.run_until(left + Micros(1));
         assert!(reply.is_some());
-        let even = Settings {
+        let even = SerialSettings {
             character: Character::E1,
-            ..Settings::FACTORY
+            ..SerialSettings::FACTORY
         };
         let kept = Eeprom {
             serial: even,
@@ -173,7 +173,7 @@ fn settings_act_after_restart() {
         }
         let stored = Some(vec![0, 7, 0, 3, 0, 1]);
         assert_eq!(sister.settings(&mut module, 6), stored);
-        assert_eq!(module.engine.active().serial, Settings::FACTORY);
+        assert_eq!(module.engine.active().serial, SerialSettings::FACTORY);
         assert!(
             !module
                 .did()
@@ -205,9 +205,9 @@ fn the_address_alone_may_act_at_once() {
             sister.settings(&mut module, 7),
             Some(vec![0, 7, 0, 3, 0, 0])
         );
-        assert_eq!(module.engine.active().serial, Settings::FACTORY);
+        assert_eq!(module.engine.active().serial, SerialSettings::FACTORY);
         module.power_cycle();
-        assert_ne!(module.engine.active().serial, Settings::FACTORY);
+        assert_ne!(module.engine.active().serial, SerialSettings::FACTORY);
     }
 }
 
@@ -277,7 +277,8 @@ fn a_module_may_insist_on_the_gap() {
         let mut module = sister.with(1, options);
         module.wait(50);
         module.send(&with_crc(&hex(&sister.read(1))));
-        let left = module.now + Settings::FACTORY.t3_5() + Settings::FACTORY.frame_time(6);
+        let left =
+            module.now + SerialSettings::FACTORY.t3_5() + SerialSettings::FACTORY.frame_time(6);
         assert!(module.run_until(left + Micros(gap - 100)).is_some());
         module.send(&with_crc(&hex(&sister.on(1))));
         assert_eq!(
@@ -302,7 +303,7 @@ fn turnaround() {
             );
             module.wait(50);
             module.send(&with_crc(&hex(&sister.read(1))));
-            let begins = module.now + Settings::FACTORY.t3_5() + turnaround;
+            let begins = module.now + SerialSettings::FACTORY.t3_5() + turnaround;
             assert_eq!(module.run_until(Instant(begins.0 - 1)), None);
             assert!(module.run_until(begins).is_some());
         }
@@ -335,7 +336,7 @@ fn a_request_in_pieces() {
 
 /// Characters that are fed together when the last one has ended.
 fn hand_in(module: &mut Bench, piece: &[u8]) {
-    module.now = module.now + Settings::FACTORY.frame_time(piece.len());
+    module.now = module.now + SerialSettings::FACTORY.frame_time(piece.len());
     module.engine.handle(module.now, Input::Bytes(piece));
 }
 
@@ -389,7 +390,7 @@ fn with_bad_byte(module: &mut Bench, text: &str, at: usize) -> Option<Vec<u8>> {
     let frame = with_crc(&hex(text));
     module.wait(50);
     module.send(&frame[..at]);
-    let end = module.now + Settings::FACTORY.frame_time(1);
+    let end = module.now + SerialSettings::FACTORY.frame_time(1);
     assert_eq!(module.run_until(end), None);
     module.engine.handle(end, Input::BadByte);
     module.send(&frame[at + 1..]);

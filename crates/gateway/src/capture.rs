@@ -21,7 +21,7 @@ use railbus_app::frames::{Facts, as_json};
 use railbus_host::Tap;
 use railbus_site::Service;
 use railbus_sniff::{Heard, capture};
-use railbus_wire::Settings;
+use railbus_wire::SerialSettings;
 use railbus_words::Lang;
 use std::convert::Infallible;
 use std::time::Duration;
@@ -57,7 +57,7 @@ enum Form {
 struct Recording {
     service: Service,
     line: String,
-    settings: Settings,
+    settings: SerialSettings,
     lang: Lang,
     form: Form,
     end: Instant,
@@ -127,7 +127,7 @@ async fn begin(
     let recording = Recording {
         service,
         line,
-        settings: settings.unwrap_or(Settings::FACTORY),
+        settings: settings.unwrap_or(SerialSettings::FACTORY),
         lang,
         form,
         end: Instant::now() + Duration::from_secs(seconds),

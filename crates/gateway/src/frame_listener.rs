@@ -5,7 +5,7 @@ use railbus_app::frames::Named;
 use railbus_host::{PIECE_PAUSE, TapFrame};
 use railbus_site::Service;
 use railbus_sniff::{Heard, Input, Listener, Output};
-use railbus_wire::{Instant, Settings};
+use railbus_wire::{Instant, SerialSettings};
 use std::time::Duration;
 use tokio::time::sleep_until;
 
@@ -19,7 +19,7 @@ pub(super) fn modules(service: &Service, line: &str) -> Vec<Named> {
 /// Finds the frames in the traffic.
 pub(super) struct FrameListener {
     listener: Listener,
-    settings: Settings,
+    settings: SerialSettings,
     /// When the line's clock started, in microseconds since 1970.
     start: u64,
     /// The same moment on tokio's clock.
@@ -28,7 +28,7 @@ pub(super) struct FrameListener {
 }
 
 impl FrameListener {
-    pub(super) fn new(start: u64, settings: Settings) -> FrameListener {
+    pub(super) fn new(start: u64, settings: SerialSettings) -> FrameListener {
         let epoch = u64::try_from(jiff::Timestamp::now().as_microsecond());
         FrameListener {
             listener: Listener::new(settings).with_silence(PIECE_PAUSE),
@@ -100,7 +100,7 @@ mod tests {
     /// The line master accepts such a reply, so the list of frames must not call it incomplete.
     #[tokio::test]
     async fn a_reply_that_the_line_takes_in_pieces_is_one_frame() {
-        let settings = Settings::FACTORY;
+        let settings = SerialSettings::FACTORY;
         let passed = |at: u64, sent: bool, bytes: &[u8]| TapFrame {
             at: Instant(at),
             sent: sent.then_some(settings),

@@ -76,5 +76,5 @@ pub use railbus_device::{
     Bank, Change, Family, Module, Observation, Op, Point, PointKind, Refusal, Setup,
 };
 pub use railbus_wire::{
-    Address, Baud, Channel, Character, Exchange, Instant, Micros, Protocol, Settings,
+    Address, Baud, Channel, Character, Exchange, Instant, Micros, Protocol, SerialSettings,
 };

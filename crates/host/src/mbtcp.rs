@@ -3,7 +3,7 @@
 use crate::mbap::Mbap;
 use crate::{LineName, Port, PortError, tcp};
 use railbus_bus::Medium;
-use railbus_wire::Settings;
+use railbus_wire::SerialSettings;
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::io;
 use std::task::{Context, Poll, ready};
@@ -61,7 +61,7 @@ impl Port for ModbusTcpPort {
         }
     }
 
-    fn send(&mut self, bytes: &[u8], _: Settings) -> io::Result<()> {
+    fn send(&mut self, bytes: &[u8], _: SerialSettings) -> io::Result<()> {
         let connection = self.connection.as_deref_mut();
         let (stream, mbap) = connection.ok_or(io::ErrorKind::NotConnected)?;
         match mbap.wrap(bytes) {

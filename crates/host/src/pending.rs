@@ -7,7 +7,7 @@ use crate::tap::{Tap, TapSender};
 use railbus_bus::LateReply;
 use railbus_bus::{COMMANDS_MAX, Confirmation, Fault, ModuleId, Probe, Probed, Ticket};
 use railbus_device::{Observation, Op};
-use railbus_wire::{Instant, Micros, Settings};
+use railbus_wire::{Instant, Micros, SerialSettings};
 use std::collections::VecDeque;
 use tokio::sync::oneshot;
 
@@ -151,7 +151,7 @@ impl PendingCalls {
     }
 
     /// A frame was sent.
-    pub(crate) fn sent(&mut self, bytes: &[u8], settings: Settings) {
+    pub(crate) fn sent(&mut self, bytes: &[u8], settings: SerialSettings) {
         if self.records {
             self.record_sent(bytes, settings);
         }
@@ -165,7 +165,7 @@ impl PendingCalls {
     }
 
     #[cold]
-    fn record_sent(&mut self, bytes: &[u8], settings: Settings) {
+    fn record_sent(&mut self, bytes: &[u8], settings: SerialSettings) {
         if let Some(probe) = &mut self.probe {
             probe.sent.clear();
             probe.sent.extend_from_slice(bytes);
@@ -355,7 +355,7 @@ mod tests {
             let mut pending = PendingCalls::new();
             pending.add_probe(false, reply);
             pending.heard(&[9], || false);
-            pending.sent(&[1, 2], Settings::FACTORY);
+            pending.sent(&[1, 2], SerialSettings::FACTORY);
             pending.heard(&[1, 2, 3], || false);
             pending.heard(&[4], || false);
             pending.end_probe(Probed::Answered, Micros(5), echoes);

@@ -2,7 +2,7 @@
 
 use crate::{Granted, LineName, ModbusTcpPort, PortError, SerialOptions, SerialPort, TcpPort};
 use railbus_bus::{Medium, PortHistory};
-use railbus_wire::Settings;
+use railbus_wire::SerialSettings;
 use std::future::{Future, poll_fn};
 use std::io;
 use std::task::{Context, Poll};
@@ -53,7 +53,7 @@ pub trait Port: Send + 'static {
     ///
     /// # Errors
     /// If the port is lost, or does not take the whole frame at once.
-    fn send(&mut self, bytes: &[u8], settings: Settings) -> io::Result<()>;
+    fn send(&mut self, bytes: &[u8], settings: SerialSettings) -> io::Result<()>;
 
     /// Closes it. What has not been sent yet is lost.
     fn close(&mut self);
@@ -142,7 +142,7 @@ impl Port for AnyPort {
         }
     }
 
-    fn send(&mut self, bytes: &[u8], settings: Settings) -> io::Result<()> {
+    fn send(&mut self, bytes: &[u8], settings: SerialSettings) -> io::Result<()> {
         match self {
             AnyPort::Serial(port) => port.send(bytes, settings),
             AnyPort::Tcp(port) => port.send(bytes, settings),

@@ -9,7 +9,7 @@ mod tty;
 
 use crate::{LineName, Port, PortError};
 use railbus_bus::{Medium, PortHistory};
-use railbus_wire::Settings;
+use railbus_wire::SerialSettings;
 use std::io;
 use std::path::PathBuf;
 use std::task::{Context, Poll};
@@ -20,7 +20,7 @@ use tty::Tty;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SerialOptions {
     /// Speed and character format when it is opened; each frame brings its own.
-    pub settings: Settings,
+    pub settings: SerialSettings,
     /// Let the driver switch the transceiver by RTS; none for adapters that do it themselves.
     pub rs485: Option<Rs485>,
     /// Ask the driver to pass bytes on at once.
@@ -33,7 +33,7 @@ pub struct SerialOptions {
 impl Default for SerialOptions {
     fn default() -> SerialOptions {
         SerialOptions {
-            settings: Settings::FACTORY,
+            settings: SerialSettings::FACTORY,
             rs485: None,
             low_latency: true,
             listen_only: false,
@@ -112,7 +112,7 @@ impl SerialPort {
     /// The settings last requested. A pseudo-terminal has no parity, so they can't be read from the
     /// port itself.
     #[must_use]
-    pub fn settings(&self) -> Option<Settings> {
+    pub fn settings(&self) -> Option<SerialSettings> {
         self.tty.as_ref().map(|tty| tty.settings())
     }
 }
@@ -167,7 +167,7 @@ impl Port for SerialPort {
         }
     }
 
-    fn send(&mut self, bytes: &[u8], settings: Settings) -> io::Result<()> {
+    fn send(&mut self, bytes: &[u8], settings: SerialSettings) -> io::Result<()> {
         let tty = self.tty.as_mut().ok_or(io::ErrorKind::NotConnected)?;
         tty.send(bytes, settings)
     }

@@ -2,7 +2,7 @@
 //! it costs nothing.
 
 use crate::clock::Clock;
-use railbus_wire::{Instant, Micros, Settings};
+use railbus_wire::{Instant, Micros, SerialSettings};
 use std::sync::Arc;
 use tokio::sync::broadcast;
 
@@ -15,7 +15,7 @@ pub struct TapFrame {
     /// When they were passed to the port or came from it, in the time of [`crate::Line::now`].
     pub at: Instant,
     /// The settings of a frame that was sent; none for received bytes.
-    pub sent: Option<Settings>,
+    pub sent: Option<SerialSettings>,
     /// All of them.
     pub bytes: Arc<[u8]>,
 }
@@ -82,7 +82,7 @@ impl TapSender {
     }
 
     /// Passes on a frame that is sent; false once there is no tap left.
-    pub(crate) fn sent(&mut self, bytes: &[u8], settings: Settings) -> bool {
+    pub(crate) fn sent(&mut self, bytes: &[u8], settings: SerialSettings) -> bool {
         self.echo.clear();
         self.echo.extend_from_slice(bytes);
         self.tell(Some(settings), bytes)
@@ -106,7 +106,7 @@ impl TapSender {
         }
     }
 
-    fn tell(&self, sent: Option<Settings>, bytes: &[u8]) -> bool {
+    fn tell(&self, sent: Option<SerialSettings>, bytes: &[u8]) -> bool {
         let passed = TapFrame {
             at: self.clock.now(),
             sent,
@@ -130,7 +130,7 @@ mod tests {
     async fn an_echo_is_taken_out_in_whatever_pieces_it_comes() {
         let mut tapped = TapSender::new(Alarm::new().unwrap().clock());
         let mut tap = tapped.tap();
-        assert!(tapped.sent(&[1, 5, 0], Settings::FACTORY));
+        assert!(tapped.sent(&[1, 5, 0], SerialSettings::FACTORY));
         for piece in [&[1, 5][..], &[0, 1, 5], &[0]] {
             assert!(tapped.heard(piece, true));
         }
@@ -138,7 +138,7 @@ mod tests {
         assert_eq!(rest(&mut tap).await, [1, 5, 0]);
         assert_eq!(rest(&mut tap).await, [1, 5]);
         assert_eq!(rest(&mut tap).await, [0]);
-        tapped.sent(&[1, 5, 0], Settings::FACTORY);
+        tapped.sent(&[1, 5, 0], SerialSettings::FACTORY);
         tapped.heard(&[1, 5, 0], false);
         rest(&mut tap).await;
         assert_eq!(rest(&mut tap).await, [1, 5, 0], "no echo here, so a reply");
@@ -149,7 +149,7 @@ mod tests {
         let mut tapped = TapSender::new(Alarm::new().unwrap().clock());
         let mut tap = tapped.tap();
         tapped.heard(&[9], false);
-        tapped.sent(&[1], Settings::FACTORY);
+        tapped.sent(&[1], SerialSettings::FACTORY);
         tapped.heard(&[2], false);
         assert_eq!(rest(&mut tap).await, [1]);
         assert_eq!(rest(&mut tap).await, [2]);

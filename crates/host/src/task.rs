@@ -10,7 +10,7 @@ use crate::{LineState, Port, PortError};
 use railbus_bus::LateReply;
 use railbus_bus::{Bus, Config, Event, Fault, Input, Medium, ModuleId, Output, Plan};
 use railbus_device::Module;
-use railbus_wire::{Instant, Micros, Settings};
+use railbus_wire::{Instant, Micros, SerialSettings};
 use std::future::{Future, poll_fn};
 use std::io;
 use std::pin::pin;
@@ -84,7 +84,7 @@ impl Members {
 struct LastFrame {
     at: Instant,
     bytes: usize,
-    settings: Settings,
+    settings: SerialSettings,
 }
 
 /// The line is being closed.
@@ -145,7 +145,7 @@ impl<P: Port> Task<P> {
             last: LastFrame {
                 at: Instant(0),
                 bytes: 0,
-                settings: Settings::FACTORY,
+                settings: SerialSettings::FACTORY,
             },
             closing: None,
         }

@@ -3,7 +3,7 @@
 use crate::clock::within;
 use crate::{LineName, Port, PortError};
 use railbus_bus::Medium;
-use railbus_wire::{Micros, Settings};
+use railbus_wire::{Micros, SerialSettings};
 use rustix::net::sockopt;
 use std::io;
 use std::task::{Context, Poll, ready};
@@ -59,7 +59,7 @@ impl Port for TcpPort {
         }
     }
 
-    fn send(&mut self, bytes: &[u8], _: Settings) -> io::Result<()> {
+    fn send(&mut self, bytes: &[u8], _: SerialSettings) -> io::Result<()> {
         send(self.stream.as_ref(), bytes)
     }
 

@@ -4,7 +4,7 @@ mod support;
 
 use railbus_host::{
     Event, Family, Line, LineEvent, LineState, Medium, ModuleId, Plan, Port, PortError, Presence,
-    Protocol, Settings,
+    Protocol, SerialSettings,
 };
 use railbus_wire::{Micros, crc16};
 use std::io;
@@ -76,7 +76,7 @@ impl Port for Crowd {
         Poll::Ready(Ok(reply.len()))
     }
 
-    fn send(&mut self, bytes: &[u8], _: Settings) -> io::Result<()> {
+    fn send(&mut self, bytes: &[u8], _: SerialSettings) -> io::Result<()> {
         let count = bytes[5].div_ceil(8);
         let mut reply = vec![bytes[0], bytes[1], count];
         reply.extend(std::iter::repeat_n(0, count.into()));

@@ -4,7 +4,7 @@ mod support;
 
 use railbus_host::{
     Bank, Channel, Confirmation, Family, Fault, Line, LineState, Medium, ModuleId, Op, Plan, Port,
-    PortError, Protocol, Settings, Terms,
+    PortError, Protocol, SerialSettings, Terms,
 };
 use railbus_wire::Micros;
 use std::io;
@@ -40,7 +40,7 @@ impl Port for Slow {
         Poll::Pending
     }
 
-    fn send(&mut self, bytes: &[u8], _: Settings) -> io::Result<()> {
+    fn send(&mut self, bytes: &[u8], _: SerialSettings) -> io::Result<()> {
         let begin = Instant::now();
         thread::sleep(HELD_UP);
         let mut sent = self.sent.lock().expect("a lock");
@@ -81,7 +81,7 @@ async fn a_task_that_is_held_up_keeps_the_silence_all_the_same() {
     let (_, left_after, len) = sent[0];
     let (asked, ..) = sent[1];
     // The frame's time counts from when it was really sent, and then comes the board's gap.
-    let least = Settings::FACTORY.frame_time(len) + board.request_gap();
+    let least = SerialSettings::FACTORY.frame_time(len) + board.request_gap();
     assert!(asked - left_after >= Duration::from_micros(least.0));
     soon(line.close()).await;
     assert_eq!(line.state(), LineState::Closed);

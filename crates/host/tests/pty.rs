@@ -6,7 +6,7 @@ use railbus_host::{
     Bank, Baud, Channel, Character, Confirmation, Event, Exchange, Family, Fault, Holder, Line,
     LineEvent, LineEvents, LineName, LineState, Medium, Micros, ModuleId, Observation, Op, Plan,
     Port, PortError, PortHistory, Presence, Probe, Probed, Protocol, RunId, SerialOptions,
-    SerialPort, Settings, Setup, Terms,
+    SerialPort, SerialSettings, Setup, Terms,
 };
 use railbus_wire::{Address, rtu};
 use rustix::termios::{ControlModes, Termios, tcgetattr};
@@ -376,7 +376,7 @@ async fn a_terminal_that_was_written_to_lately_has_not_rested() {
     written_ago(&path, Duration::from_secs(20));
     port.open().await.expect("a terminal");
     assert_eq!(port.past(), PortHistory::Rested);
-    port.send(b"\x03", Settings::FACTORY).expect("sent");
+    port.send(b"\x03", SerialSettings::FACTORY).expect("sent");
     port.open().await.expect("a terminal");
     assert_ne!(port.past(), PortHistory::Rested, "the system notes a write");
 }
@@ -390,7 +390,7 @@ async fn a_terminal_shows_that_it_was_not_given_up_in_order() {
         let mut port = SerialPort::new(path.clone(), SerialOptions::default());
         port.open().await.expect("a terminal");
         assert_eq!(port.past(), PortHistory::Unknown);
-        port.send(b"\x03", Settings::FACTORY).expect("sent");
+        port.send(b"\x03", SerialSettings::FACTORY).expect("sent");
         if settled {
             port.settle();
         }
@@ -434,7 +434,7 @@ async fn an_abandoned_line_is_listened_to_for_as_long_as_a_reply_is_late() {
         let (master, path) = pty();
         let mut port = SerialPort::new(path.clone(), SerialOptions::default());
         port.open().await.expect("a terminal");
-        port.send(b"\x03", Settings::FACTORY).expect("sent");
+        port.send(b"\x03", SerialSettings::FACTORY).expect("sent");
         if past == PortHistory::Unknown {
             port.settle();
         }
@@ -477,10 +477,10 @@ async fn each_frame_brings_its_speed_and_format() {
     let mut port = SerialPort::new(path, SerialOptions::default());
     soon(port.open()).await.expect("open");
     assert_eq!(port.medium(), Medium::Buffered);
-    assert_eq!(port.settings(), Some(Settings::FACTORY));
+    assert_eq!(port.settings(), Some(SerialSettings::FACTORY));
     for baud in Baud::ALL {
         for character in Character::ALL {
-            let wanted = Settings { baud, character };
+            let wanted = SerialSettings { baud, character };
             port.send(b"x", wanted).expect("sent");
             assert_eq!(port.settings(), Some(wanted));
             let mode = tcgetattr(&master).expect("modes");
@@ -502,7 +502,7 @@ async fn what_nobody_takes_is_withdrawn() {
     let mut port = SerialPort::pseudo(path, SerialOptions::default());
     soon(port.open()).await.expect("open");
     let frame = [0x55; 200];
-    let error = (0..1000).find_map(|_| port.send(&frame, Settings::FACTORY).err());
+    let error = (0..1000).find_map(|_| port.send(&frame, SerialSettings::FACTORY).err());
     let error = error.expect("no buffer is that long");
     assert_eq!(PortError::of_loss(&error), PortError::Stuck);
     drop(master);
@@ -513,7 +513,7 @@ fn probe(address: u8) -> Probe {
     let span = rtu::BitSpan::new(60, 1).expect("one coil");
     Probe {
         exchange: Exchange::rtu(Address(address), rtu::Request::ReadCoils(span)),
-        settings: Settings::FACTORY,
+        settings: SerialSettings::FACTORY,
         gap: Micros::from_millis(20),
         timeout: Micros::from_millis(100),
         clear: false,

@@ -43,7 +43,7 @@ use crate::bytes::{Reader, Writer};
 use core::fmt;
 use railbus_device::{Applies, Calibration, Eeprom, Extensions, Family, Layout, Options};
 use railbus_device::{Setup, SetupError};
-use railbus_wire::{Address, Baud, Character, Micros, Protocol, PulseWidth, Settings};
+use railbus_wire::{Address, Baud, Character, Micros, Protocol, PulseWidth, SerialSettings};
 
 /// The version of the layout written.
 const VERSION: u8 = 1;
@@ -258,7 +258,7 @@ fn decode_setup(from: &mut Reader<'_>) -> Option<Setup> {
         // These come from the settings.
         address: Address(0),
         protocol: Protocol::Rtu,
-        serial: Settings::FACTORY,
+        serial: SerialSettings::FACTORY,
         checksum: false,
     })
 }
@@ -335,7 +335,7 @@ fn decode_eeprom(from: &mut Reader<'_>) -> Option<Eeprom> {
     let [checksum] = switches_of(checksum)?;
     Some(Eeprom {
         address: Address(address),
-        serial: Settings {
+        serial: SerialSettings {
             baud,
             character: find(Character::ALL, character_code, character)?,
         },

@@ -7,7 +7,9 @@ use proptest::prelude::*;
 use railbus_device::{Applies, Calibration, Eeprom, Engine, Extensions, Family, Input, Layout};
 use railbus_device::{Effect, Options, Output, Setup};
 use railbus_nvm::{Record, RecordError, Unreadable};
-use railbus_wire::{Address, Baud, Character, Instant, Micros, Protocol, PulseWidth, Settings};
+use railbus_wire::{
+    Address, Baud, Character, Instant, Micros, Protocol, PulseWidth, SerialSettings,
+};
 use support::{factory, record};
 
 fn hex(text: &str) -> Vec<u8> {
@@ -38,7 +40,7 @@ fn full() -> Record {
     };
     let eeprom = Eeprom {
         address: Address(0x42),
-        serial: Settings::FACTORY,
+        serial: SerialSettings::FACTORY,
         protocol: Protocol::R55,
         checksum: true,
         pulse_mask: 0x0A,
@@ -177,7 +179,7 @@ fn the_settings_count() {
     let setup = Setup::new(Family::Eda9060a, Address(1));
     let eeprom = Eeprom {
         address: Address(9),
-        serial: Settings {
+        serial: SerialSettings {
             baud: Baud::B19200,
             character: Character::N1,
         },

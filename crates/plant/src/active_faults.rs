@@ -2,7 +2,7 @@
 
 use railbus_sim::{Chance, DurationRange, Faults};
 use railbus_site::config::{Fault, FaultOrder, Noise};
-use railbus_wire::{Instant, Micros, Settings};
+use railbus_wire::{Instant, Micros, SerialSettings};
 
 /// The faults of a module or of a line.
 #[derive(Clone, Debug, Default)]
@@ -105,7 +105,7 @@ impl ActiveFaults {
     }
 
     /// The random faults, on a line with these settings.
-    pub(super) fn faults(&self, serial: Settings) -> Faults {
+    pub(super) fn faults(&self, serial: SerialSettings) -> Faults {
         let mut faults = Faults::NONE;
         for one in &self.0 {
             add(&mut faults, one.order.fault, serial);
@@ -115,7 +115,7 @@ impl ActiveFaults {
 }
 
 /// Adds one fault. Those without randomness are handled by the stage.
-fn add(faults: &mut Faults, fault: Fault, serial: Settings) {
+fn add(faults: &mut Faults, fault: Fault, serial: SerialSettings) {
     let chance = Chance::per_million;
     let same = |time| DurationRange {
         from: time,
@@ -190,18 +190,18 @@ mod tests {
 
     #[test]
     fn the_later_of_a_kind_holds_and_all_add_up() {
-        let faults = active("drop 5%, flip 1%, drop 10%").faults(Settings::FACTORY);
+        let faults = active("drop 5%, flip 1%, drop 10%").faults(SerialSettings::FACTORY);
         assert_eq!(faults.lose_request, Chance::percent(10));
         assert_eq!(faults.lose_reply, Chance::percent(10));
         assert_eq!(faults.flip, Chance::percent(1));
-        let faults = active("drop 5%, mute").faults(Settings::FACTORY);
+        let faults = active("drop 5%, mute").faults(SerialSettings::FACTORY);
         assert_eq!(faults.lose_reply, Chance::ALWAYS);
         assert_eq!(faults.lose_request, Chance::percent(5));
     }
 
     #[test]
     fn noise_counts_by_characters() {
-        let faults = active("noise 1e-3").faults(Settings::FACTORY);
+        let faults = active("noise 1e-3").faults(SerialSettings::FACTORY);
         assert_eq!(faults.noise_every, Some(Micros(1_042_000)));
     }
 

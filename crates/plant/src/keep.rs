@@ -4,7 +4,7 @@ use super::stage::Stage;
 use super::texts::SimText;
 use railbus_app::failure::Failure;
 use railbus_device::{Calibration, Eeprom, Extensions, Family, Setup};
-use railbus_wire::{Address, Baud, Character, Protocol, PulseWidth, Settings};
+use railbus_wire::{Address, Baud, Character, Protocol, PulseWidth, SerialSettings};
 use railbus_words::Code;
 use railbus_words::Lang;
 use serde::{Deserialize, Serialize};
@@ -99,7 +99,7 @@ impl Kept {
         let mut protocols = Protocol::ALL.into_iter();
         Some(Eeprom {
             address: Address(self.address),
-            serial: Settings {
+            serial: SerialSettings {
                 baud: Baud::from_rate(self.baud)?,
                 character: Character::from_name(&self.format)?,
             },

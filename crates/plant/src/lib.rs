@@ -33,7 +33,7 @@ use pty::Pty;
 use railbus_app::failure::Failure;
 use railbus_app::texts::AppText;
 use railbus_sim::demo::modules;
-use railbus_wire::Settings;
+use railbus_wire::SerialSettings;
 use railbus_words::Code;
 use railbus_words::Lang;
 use serde_json::{Value, json};
@@ -52,7 +52,7 @@ const DEMO_TCP: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 40
 /// A simulated line, for programs.
 fn line_row(
     name: &str,
-    serial: Settings,
+    serial: SerialSettings,
     modules: usize,
     pty: Option<&Path>,
     tcp: Option<SocketAddr>,
@@ -194,7 +194,7 @@ pub fn unreachable(lang: Lang, path: &Path, error: &std::io::Error) -> Failure {
 fn announce(lang: Lang, demo: &Demo, tcp: SocketAddr) {
     let text = if demo.json {
         let (pty, modules) = (Some(demo.pty.as_path()), modules().len());
-        let line = line_row(demo::LINE, Settings::FACTORY, modules, pty, Some(tcp));
+        let line = line_row(demo::LINE, SerialSettings::FACTORY, modules, pty, Some(tcp));
         served_json(&[line], None)
     } else {
         told(lang, demo, tcp)

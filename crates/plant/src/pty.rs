@@ -2,7 +2,7 @@
 
 use railbus_app::failure::Failure;
 use railbus_app::texts::AppText;
-use railbus_wire::{Baud, Character, Settings};
+use railbus_wire::{Baud, Character, SerialSettings};
 use railbus_words::Code;
 use railbus_words::Lang;
 use rustix::fs::inotify;
@@ -85,7 +85,7 @@ impl Pty {
     }
 
     /// Waits for data from a client: the number of bytes, and its port settings.
-    pub(super) async fn event(&mut self, buffer: &mut [u8]) -> io::Result<(usize, Settings)> {
+    pub(super) async fn event(&mut self, buffer: &mut [u8]) -> io::Result<(usize, SerialSettings)> {
         loop {
             tokio::select! {
                 biased;
@@ -136,9 +136,9 @@ impl Pty {
     }
 
     /// The speed set by the client. A PTY has no parity, so that is the line's own.
-    fn settings(&self) -> io::Result<Settings> {
+    fn settings(&self) -> io::Result<SerialSettings> {
         let rate = tcgetattr(&self.slave)?.input_speed();
-        Ok(Settings {
+        Ok(SerialSettings {
             // An unsupported speed is as wrong as the highest one, which hardly any module
             // supports.
             baud: Baud::from_rate(rate).unwrap_or(Baud::B115200),

@@ -10,7 +10,7 @@ use super::stage::Stage;
 use super::tcp::Tcp;
 use railbus_api::sim::SimLineInfo;
 use railbus_sim::{Chunks, Input, Output, VirtualLineConfig};
-use railbus_wire::{Instant, Micros, Settings};
+use railbus_wire::{Instant, Micros, SerialSettings};
 use railbus_words::Lang;
 use std::io;
 use std::path::PathBuf;
@@ -127,7 +127,7 @@ pub(super) struct Served {
     pub(super) stage: Box<Stage>,
     /// The settings of masters that can't report them, and the parity of those that report only a
     /// speed.
-    pub(super) serial: Settings,
+    pub(super) serial: SerialSettings,
     pub(super) pty: Option<Pty>,
     /// The path of the PTY that is unplugged.
     pub(super) unplugged: Option<PathBuf>,
@@ -172,7 +172,8 @@ pub(super) async fn serve(
                 // A frame may arrive in parts; its first characters carry the address.
                 if is_idle || settings.baud != of_port.baud {
                     let character = served.serial.character;
-                    settings = served.stage.settings_for(bytes, Settings { character, ..of_port });
+                    let heard_at = SerialSettings { character, ..of_port };
+                    settings = served.stage.settings_for(bytes, heard_at);
                 }
                 served.stage.handle(clock.now(), Input::Send { bytes, settings });
             }
@@ -274,7 +275,10 @@ async fn next_job(jobs: Option<&mut Jobs>) -> (Job, Lang) {
     }
 }
 
-async fn heard_by_pty(pty: Option<&mut Pty>, buffer: &mut [u8]) -> io::Result<(usize, Settings)> {
+async fn heard_by_pty(
+    pty: Option<&mut Pty>,
+    buffer: &mut [u8],
+) -> io::Result<(usize, SerialSettings)> {
     match pty {
         Some(pty) => pty.event(buffer).await,
         None => std::future::pending().await,

@@ -11,7 +11,7 @@ use super::active_faults::ActiveFaults;
 use railbus_device::{Eeprom, Point, Setup, SetupError};
 use railbus_sim::{Act, Input, Output, Power, VirtualLine, VirtualLineConfig};
 use railbus_site::config::{Fault, FaultOrder, Signal, SimModule};
-use railbus_wire::{Address, Instant, Micros, Protocol, Settings};
+use railbus_wire::{Address, Instant, Micros, Protocol, SerialSettings};
 use std::collections::BTreeMap;
 
 /// Update interval of changing inputs.
@@ -24,7 +24,7 @@ const FOREVER: Micros = Micros(u64::MAX);
 pub(super) struct Stage {
     name: String,
     line: VirtualLine,
-    serial: Settings,
+    serial: SerialSettings,
     faults: ActiveFaults,
     parts: Vec<Part>,
     step_at: Instant,
@@ -54,7 +54,7 @@ pub(super) enum ManualAction {
 
 impl Stage {
     /// A line with nothing on it.
-    pub(super) fn new(name: &str, config: VirtualLineConfig, serial: Settings) -> Stage {
+    pub(super) fn new(name: &str, config: VirtualLineConfig, serial: SerialSettings) -> Stage {
         Stage {
             name: name.to_owned(),
             line: VirtualLine::new(config),
@@ -137,7 +137,7 @@ impl Stage {
 
     /// The settings of a master that sends these characters at this speed over a PTY, which has no
     /// parity: those of the addressed module, otherwise those of the line.
-    pub(super) fn settings_for(&self, bytes: &[u8], of_port: Settings) -> Settings {
+    pub(super) fn settings_for(&self, bytes: &[u8], of_port: SerialSettings) -> SerialSettings {
         let modules = self.line.addressed(bytes);
         let mut serials = modules.map(|module| self.line.engine(module).active().serial);
         let fitting = serials.find(|serial| serial.baud == of_port.baud);
@@ -152,7 +152,7 @@ impl Stage {
         &self.parts
     }
 
-    pub(super) const fn serial(&self) -> Settings {
+    pub(super) const fn serial(&self) -> SerialSettings {
         self.serial
     }
 

@@ -5,7 +5,7 @@
 use railbus_device::{Eeprom, Family, Options, Setup};
 use railbus_sim::demo::Demo;
 use railbus_sim::{Chance, Faults, Input, Output, VirtualLine, VirtualLineConfig};
-use railbus_wire::{Address, Instant, Micros, Settings, crc16};
+use railbus_wire::{Address, Instant, Micros, SerialSettings, crc16};
 
 const VIRTUAL: Micros = Micros::from_secs(3_600);
 const GAP: Micros = Micros::from_millis(20);
@@ -90,7 +90,7 @@ fn talk(
         if let Some(request) = request {
             replies += u64::from(heard > 0);
             heard = 0;
-            let took = Settings::FACTORY.frame_time(request.len());
+            let took = SerialSettings::FACTORY.frame_time(request.len());
             send_at = now + took + Micros::from_millis(100);
         } else if count > 0 {
             heard += count;
@@ -120,7 +120,7 @@ fn as_input(bytes: Option<&[u8]>) -> Input<'_> {
     match bytes {
         Some(bytes) => Input::Send {
             bytes,
-            settings: Settings::FACTORY,
+            settings: SerialSettings::FACTORY,
         },
         None => Input::Timeout,
     }

@@ -15,7 +15,7 @@
 //! ```
 //! use railbus_sim::{Input, VirtualLine, VirtualLineConfig, Output};
 //! use railbus_device::{Eeprom, Family, Options, Setup};
-//! use railbus_wire::{Address, Instant, Settings};
+//! use railbus_wire::{Address, Instant, SerialSettings};
 //!
 //! let mut line = VirtualLine::new(VirtualLineConfig::default());
 //! let oven = Setup::new(Family::Erc8, Address(1));
@@ -24,7 +24,7 @@
 //! // Relay 1 on, as the manual prints it; it is answered by its echo.
 //! let mut now = Instant(100_000);
 //! let request = [0x01, 0x05, 0x00, 0x3C, 0xFF, 0x00, 0x4C, 0x36];
-//! line.handle(now, Input::Send { bytes: &request, settings: Settings::FACTORY });
+//! line.handle(now, Input::Send { bytes: &request, settings: SerialSettings::FACTORY });
 //! let mut reply = Vec::new();
 //! while reply.len() < 8 {
 //!     match line.poll() {

@@ -9,7 +9,7 @@ use crate::slot::Slot;
 use crate::talk::{NEVER, State, Talk, Talker};
 use crate::{Act, Faults, Injected, ModuleCounts, SlotId, Trace, TraceDirection};
 use railbus_device::{Eeprom, Effect, Engine, Options, Setup, SetupError};
-use railbus_wire::{Instant, Micros, Settings};
+use railbus_wire::{Instant, Micros, SerialSettings};
 use std::collections::VecDeque;
 
 /// How much the host may have queued to send; more is dropped.
@@ -65,7 +65,7 @@ pub enum Input<'a> {
         /// The characters.
         bytes: &'a [u8],
         /// Speed and character format.
-        settings: Settings,
+        settings: SerialSettings,
     },
     /// An action at a module.
     Act(SlotId, Act),
@@ -125,7 +125,7 @@ pub struct VirtualLine {
     spare: Vec<Talk>,
     acts: VecDeque<(Instant, SlotId, Act)>,
     noise_at: Instant,
-    host_settings: Settings,
+    host_settings: SerialSettings,
     host_free_at: Instant,
     outbox: VecDeque<Outgoing>,
     heard: Vec<u8>,
@@ -149,7 +149,7 @@ impl VirtualLine {
             spare: Vec::new(),
             acts: VecDeque::new(),
             noise_at: NEVER,
-            host_settings: Settings::FACTORY,
+            host_settings: SerialSettings::FACTORY,
             host_free_at: Instant(0),
             outbox: VecDeque::new(),
             heard: Vec::new(),

@@ -1,7 +1,7 @@
 //! Characters on the wire: what one sender sends without a pause.
 
 use crate::SlotId;
-use railbus_wire::{Character, Instant, Settings};
+use railbus_wire::{Character, Instant, SerialSettings};
 
 /// Never.
 pub(crate) const NEVER: Instant = Instant(u64::MAX);
@@ -36,7 +36,7 @@ pub(crate) enum State {
 #[derive(Clone, Debug)]
 pub(crate) struct Talk {
     pub(crate) who: Talker,
-    pub(crate) settings: Settings,
+    pub(crate) settings: SerialSettings,
     /// When the first character begins.
     pub(crate) start: Instant,
     pub(crate) bytes: Vec<u8>,
@@ -60,7 +60,7 @@ impl Talk {
     pub(crate) const fn new() -> Talk {
         Talk {
             who: Talker::Noise,
-            settings: Settings::FACTORY,
+            settings: SerialSettings::FACTORY,
             start: NEVER,
             bytes: Vec::new(),
             marks: Vec::new(),
@@ -75,7 +75,7 @@ impl Talk {
     }
 
     /// Reuses it for a new talk, keeping the memory.
-    pub(crate) fn reset(&mut self, who: Talker, settings: Settings, start: Instant) {
+    pub(crate) fn reset(&mut self, who: Talker, settings: SerialSettings, start: Instant) {
         self.bytes.clear();
         self.marks.clear();
         self.unheard_by.clear();
@@ -162,7 +162,7 @@ impl Talk {
 }
 
 /// Whether a receiver with some settings understands a sender with others.
-pub(crate) fn understands(receiver: Settings, talker: Settings) -> bool {
+pub(crate) fn understands(receiver: SerialSettings, talker: SerialSettings) -> bool {
     // A second stop bit is a longer idle time; receivers check the first one only.
     const fn parity(character: Character) -> Character {
         match character {
@@ -180,7 +180,7 @@ mod tests {
 
     fn talk(bytes: &[u8]) -> Talk {
         let mut talk = Talk::new();
-        talk.reset(Talker::Host, Settings::FACTORY, Instant(1_000));
+        talk.reset(Talker::Host, SerialSettings::FACTORY, Instant(1_000));
         talk.bytes.extend(bytes);
         talk
     }

@@ -5,7 +5,7 @@ mod support;
 
 use railbus_device::{Family, Setup};
 use railbus_sim::{Input, Output, VirtualLine, VirtualLineConfig};
-use railbus_wire::{Address, Instant, Micros, Settings};
+use railbus_wire::{Address, Instant, Micros, SerialSettings};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -41,7 +41,7 @@ static ALLOCATOR: Counting = Counting;
 
 /// Asks module 1, waits 50 ms, and counts the characters heard.
 fn ask(line: &mut VirtualLine, now: &mut Instant, bytes: &[u8]) -> usize {
-    let settings = Settings::FACTORY;
+    let settings = SerialSettings::FACTORY;
     line.handle(*now, Input::Send { bytes, settings });
     let end = *now + Micros::from_millis(50);
     let mut heard = 0;

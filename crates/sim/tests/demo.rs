@@ -4,7 +4,7 @@ mod support;
 
 use railbus_sim::demo::{Demo, gate_inputs, pump_inputs, tank_analogs};
 use railbus_sim::{Input, Output, VirtualLineConfig};
-use railbus_wire::{Instant, Micros, Settings, crc16};
+use railbus_wire::{Instant, Micros, SerialSettings, crc16};
 use support::{hex, show};
 
 struct Host {
@@ -25,7 +25,7 @@ impl Host {
     }
 
     fn ask(&mut self, bytes: &[u8]) -> Vec<u8> {
-        let settings = Settings::FACTORY;
+        let settings = SerialSettings::FACTORY;
         self.demo.handle(self.now, Input::Send { bytes, settings });
         self.run_until(self.now + Micros::from_millis(200))
     }

@@ -4,7 +4,7 @@ mod support;
 
 use railbus_device::{Eeprom, Effect, Family, Setup};
 use railbus_sim::{Act, Chance, DurationRange, Faults, Injected, Power, SlotId, VirtualLineConfig};
-use railbus_wire::{Address, Instant, Micros, PulseWidth, Settings};
+use railbus_wire::{Address, Instant, Micros, PulseWidth, SerialSettings};
 use support::{Bench, hex, show};
 
 const RELAY_ON: &str = "01 05 00 3C FF 00 4C 36";
@@ -33,7 +33,7 @@ fn asked(faults: Faults) -> (Vec<(Instant, String)>, Injected) {
 }
 
 fn after(characters: usize) -> Instant {
-    REPLY_BEGINS + Settings::FACTORY.frame_time(characters)
+    REPLY_BEGINS + SerialSettings::FACTORY.frame_time(characters)
 }
 
 #[test]
@@ -187,7 +187,7 @@ fn who_babbles_is_hushed_within_a_character() {
     let hushed = bench.now;
     bench.wait(100);
     let last = bench.heard.last().map(|(at, _)| *at);
-    assert!(last.is_some_and(|at| at <= hushed + Settings::FACTORY.frame_time(1)));
+    assert!(last.is_some_and(|at| at <= hushed + SerialSettings::FACTORY.frame_time(1)));
     assert_eq!(bench.ask_hex(RELAY_ON), RELAY_ON);
 }
 

@@ -4,16 +4,16 @@ mod support;
 
 use railbus_device::{Effect, Family, Options, Setup};
 use railbus_sim::{Act, Chunks, Power, VirtualLineConfig};
-use railbus_wire::{Address, Baud, Character, Instant, Micros, Settings};
+use railbus_wire::{Address, Baud, Character, Instant, Micros, SerialSettings};
 use support::{Bench, hex, show};
 
 /// Relay 1 of module 1 on, as the manual prints it [ERC-8 §3.5]; answered by its echo.
 const RELAY_ON: &str = "01 05 00 3C FF 00 4C 36";
 
-fn slow() -> Settings {
-    Settings {
+fn slow() -> SerialSettings {
+    SerialSettings {
         baud: Baud::B4800,
-        ..Settings::FACTORY
+        ..SerialSettings::FACTORY
     }
 }
 
@@ -58,7 +58,12 @@ fn single_characters_are_heard_as_each_ends() {
     let one_by_one: Vec<(Instant, Vec<u8>)> = hex(RELAY_ON)
         .into_iter()
         .zip(1..)
-        .map(|(byte, count)| (begins + Settings::FACTORY.frame_time(count), vec![byte]))
+        .map(|(byte, count)| {
+            (
+                begins + SerialSettings::FACTORY.frame_time(count),
+                vec![byte],
+            )
+        })
         .collect();
     assert_eq!(bench.heard, one_by_one);
 }
@@ -78,7 +83,7 @@ fn random_pieces_are_never_heard_early() {
         for (at, piece) in &bench.heard {
             count += piece.len();
             let begins = Instant(100_000 + 8_334 + 3_646);
-            assert_eq!(*at, begins + Settings::FACTORY.frame_time(count));
+            assert_eq!(*at, begins + SerialSettings::FACTORY.frame_time(count));
         }
     }
 }
@@ -98,10 +103,10 @@ fn what_is_sent_while_sending_follows_without_a_pause() {
     bench.send(&request[..3]);
     bench.wait(1);
     bench.send(&request[3..]);
-    let free_at = Instant(100_000) + Settings::FACTORY.frame_time(3);
+    let free_at = Instant(100_000) + SerialSettings::FACTORY.frame_time(3);
     assert_eq!(
         bench.line.host_free_at(),
-        free_at + Settings::FACTORY.frame_time(5)
+        free_at + SerialSettings::FACTORY.frame_time(5)
     );
     bench.wait(300);
     assert_eq!(bench.heard_bytes(), request);
@@ -195,9 +200,9 @@ fn a_host_of_another_speed_hears_garbage_of_the_same_length() {
 
 #[test]
 fn parity_must_agree_but_a_second_stop_bit_does_not_matter() {
-    let host = |character| Settings {
+    let host = |character| SerialSettings {
         character,
-        ..Settings::FACTORY
+        ..SerialSettings::FACTORY
     };
     let answers = |module, asked| {
         let mut bench = Bench::new(VirtualLineConfig::default());
@@ -225,9 +230,9 @@ fn a_change_of_speed_acts_after_the_reply() {
     assert_eq!(bench.line.engine(oven).active().serial.baud, Baud::B19200);
     assert_eq!(bench.ask_hex(RELAY_ON), "");
     bench.heard.clear();
-    let fast = Settings {
+    let fast = SerialSettings {
         baud: Baud::B19200,
-        ..Settings::FACTORY
+        ..SerialSettings::FACTORY
     };
     bench.send_at(&hex(RELAY_ON), fast);
     bench.wait(300);

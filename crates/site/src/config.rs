@@ -45,7 +45,7 @@ pub use webhook::{URL_MAX, WEBHOOKS_MAX, Webhook, is_url};
 use railbus_bus::{EchoMode, Plan};
 use railbus_commission::settings::Wanted;
 use railbus_device::{Point, PointKind, Setup};
-use railbus_wire::{Micros, Settings};
+use railbus_wire::{Micros, SerialSettings};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// A whole site.
@@ -88,7 +88,7 @@ pub struct LineConfig {
     /// Its port: `/dev/…`, `pty:…`, `tcp:host:port`, `mbtcp:host:port`.
     pub port: String,
     /// The speed and character format of its modules, unless one says otherwise.
-    pub serial: Settings,
+    pub serial: SerialSettings,
     /// Whether the adapter echoes.
     pub echo: EchoMode,
     /// Its display name.

@@ -37,7 +37,7 @@ use once::Once;
 use railbus_device::{Module, SetupError};
 use railbus_host::{Line, LineName, LineOptions, NameError, PortError, Probe, ProbeResult, Tap};
 use railbus_store::audit::{Audit, Entry, Origin};
-use railbus_wire::{Exchange, Instant, Micros, REPLY_TIMEOUT, Settings};
+use railbus_wire::{Exchange, Instant, Micros, REPLY_TIMEOUT, SerialSettings};
 use record::Journal;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -380,7 +380,7 @@ impl Service {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RawTerms {
     /// Speed and character format.
-    pub settings: Option<Settings>,
+    pub settings: Option<SerialSettings>,
     /// The silence before it.
     pub gap: Option<Micros>,
     /// How long the reply may take to begin.

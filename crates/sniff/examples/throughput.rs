@@ -9,7 +9,7 @@
 #![allow(clippy::print_stdout, reason = "that is what it is for")]
 
 use railbus_sniff::{Heard, Input, Listener, Output};
-use railbus_wire::{Baud, Character, Instant, Settings, crc16};
+use railbus_wire::{Baud, Character, Instant, SerialSettings, crc16};
 use std::time;
 
 const LINES: usize = 32;
@@ -18,7 +18,7 @@ const PIECE: usize = 16;
 const SECONDS: usize = 20;
 
 fn main() {
-    let settings = Settings {
+    let settings = SerialSettings {
         baud: Baud::B115200,
         character: Character::N1,
     };

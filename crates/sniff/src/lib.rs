@@ -7,9 +7,9 @@
 //!
 //! ```
 //! use railbus_sniff::{Heard, Input, Listener, Output};
-//! use railbus_wire::{Instant, Settings};
+//! use railbus_wire::{Instant, SerialSettings};
 //!
-//! let mut listener = Listener::new(Settings::FACTORY);
+//! let mut listener = Listener::new(SerialSettings::FACTORY);
 //! listener.handle(Instant(20_000), Input::Bytes(b"$016\r!030200\r"));
 //! let mut frames = Vec::new();
 //! while let Output::Heard(Heard::Frame(frame)) = listener.poll() {

@@ -7,7 +7,7 @@
 use crate::frame::{Asked, Frame, FrameRole, FrameVerdict, Heard, Missing, Reading};
 use crate::judge::judge;
 use crate::look::{Find, Look, Trust, look};
-use railbus_wire::{Exchange, Instant, Micros, Protocol, REPLY_TIMEOUT, Settings, r55};
+use railbus_wire::{Exchange, Instant, Micros, Protocol, REPLY_TIMEOUT, SerialSettings, r55};
 use std::collections::VecDeque;
 
 /// The default reply timeout.
@@ -49,7 +49,7 @@ pub enum Output {
 /// are queued, and their number is bounded by the input.
 #[derive(Debug)]
 pub struct Listener {
-    settings: Settings,
+    settings: SerialSettings,
     patience: Micros,
     silence: Micros,
     bytes: Vec<u8>,
@@ -100,7 +100,7 @@ struct Pending {
 impl Listener {
     /// A listener for a line with these settings.
     #[must_use]
-    pub fn new(settings: Settings) -> Listener {
+    pub fn new(settings: SerialSettings) -> Listener {
         Listener {
             settings,
             patience: PATIENCE,

@@ -1,7 +1,7 @@
 //! What a listener reports of good and bad lines.
 
 use railbus_sniff::{Flaw, Frame, FrameRole, FrameVerdict, Heard, Input, Listener, Output};
-use railbus_wire::{Instant, Micros, Protocol, Settings, crc16};
+use railbus_wire::{Instant, Micros, Protocol, SerialSettings, crc16};
 
 /// A line being listened to, and its time.
 struct Ear {
@@ -13,7 +13,7 @@ struct Ear {
 impl Ear {
     fn new() -> Ear {
         Ear {
-            listener: Listener::new(Settings::FACTORY),
+            listener: Listener::new(SerialSettings::FACTORY),
             now: Instant(1_000_000),
             told: Vec::new(),
         }
@@ -41,7 +41,7 @@ impl Ear {
     /// Bytes come one by one at the line's pace.
     fn hear(&mut self, bytes: &[u8]) {
         for byte in bytes {
-            self.pass(Settings::FACTORY.frame_time(1));
+            self.pass(SerialSettings::FACTORY.frame_time(1));
             self.listener.handle(self.now, Input::Bytes(&[*byte]));
         }
         self.drain();
@@ -139,7 +139,7 @@ fn pieces_of_any_length_say_the_same() {
     for size in 1..=all.len() {
         let mut ear = Ear::new();
         for piece in all.chunks(size) {
-            ear.now = ear.now + Settings::FACTORY.frame_time(piece.len());
+            ear.now = ear.now + SerialSettings::FACTORY.frame_time(piece.len());
             ear.listener.handle(ear.now, Input::Bytes(piece));
         }
         ear.pass(Micros::from_millis(100));

@@ -67,5 +67,5 @@ pub use exchange::{Exchange, Protocol, Response};
 pub use foreign::{carries_command, foreign_command};
 pub use frame::{FRAME_MAX, Frame};
 pub use payload::{Bits, Words};
-pub use serial::{Baud, Character, Settings};
+pub use serial::{Baud, Character, SerialSettings};
 pub use time::{Instant, Micros, REPLY_TIMEOUT};

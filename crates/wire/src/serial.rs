@@ -118,16 +118,16 @@ impl fmt::Display for Character {
 
 /// The serial settings: speed and character format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Settings {
+pub struct SerialSettings {
     /// The speed.
     pub baud: Baud,
     /// Parity and stop bits.
     pub character: Character,
 }
 
-impl Settings {
+impl SerialSettings {
     /// 9600 8N1, the factory setting of all five families.
-    pub const FACTORY: Settings = Settings {
+    pub const FACTORY: SerialSettings = SerialSettings {
         baud: Baud::B9600,
         character: Character::N1,
     };
@@ -178,7 +178,7 @@ impl Settings {
     }
 }
 
-impl fmt::Display for Settings {
+impl fmt::Display for SerialSettings {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} {}", self.baud, self.character)
     }
@@ -190,7 +190,7 @@ mod tests {
 
     #[test]
     fn times_are_those_of_the_standard() {
-        let at = |baud, character| Settings { baud, character };
+        let at = |baud, character| SerialSettings { baud, character };
         // [MODBUS §1.4, §1.5], 11-bit and 10-bit characters.
         assert_eq!(at(Baud::B1200, Character::E1).t3_5(), Micros(32_084));
         assert_eq!(at(Baud::B9600, Character::N2).t3_5(), Micros(4_011));
@@ -199,7 +199,7 @@ mod tests {
         assert_eq!(at(Baud::B19200, Character::N1).t3_5(), Micros(1_823));
         assert_eq!(at(Baud::B38400, Character::N1).t3_5(), Micros(1_750));
         assert_eq!(at(Baud::B115200, Character::N1).t1_5(), Micros(750));
-        assert_eq!(Settings::FACTORY.frame_time(8), Micros(8_334));
+        assert_eq!(SerialSettings::FACTORY.frame_time(8), Micros(8_334));
     }
 
     #[test]
@@ -209,7 +209,7 @@ mod tests {
             .into_iter()
             .flat_map(|b| characters.map(|c| (b, c)))
         {
-            let settings = Settings { baud, character };
+            let settings = SerialSettings { baud, character };
             let (bits, rate) = (u128::from(character.bits()), u128::from(baud.rate()));
             for count in (0..1000).chain([65_535, 1 << 24, u32::MAX as usize]) {
                 let right = (count as u128 * bits * 1_000_000).div_ceil(rate);

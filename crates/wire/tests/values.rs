@@ -70,8 +70,8 @@ fn values_are_shown() {
     let wanted = ["rtu", "ascii", "lc02", "r55"];
     assert_eq!(names, wanted.map(|name| (name, name.to_owned())));
     assert_eq!(Malformed::Checksum.to_string(), "wrong checksum");
-    assert_eq!(Settings::FACTORY.to_string(), "9600 8N1");
-    assert_eq!(Settings::FACTORY.baud.to_string(), "9600");
+    assert_eq!(SerialSettings::FACTORY.to_string(), "9600 8N1");
+    assert_eq!(SerialSettings::FACTORY.baud.to_string(), "9600");
     let characters = [Character::N1, Character::E1, Character::O1, Character::N2];
     let shown = characters.map(|character| character.to_string());
     assert_eq!(shown, ["8N1", "8E1", "8O1", "8N2"]);
@@ -183,9 +183,9 @@ fn times_are_added_and_taken_away() {
         (Micros::from_millis(3), Micros::from_secs(3)),
         (Micros(3000), Micros(3_000_000))
     );
-    let at_19200 = Settings {
+    let at_19200 = SerialSettings {
         baud: Baud::B19200,
-        ..Settings::FACTORY
+        ..SerialSettings::FACTORY
     };
     // The last speed whose silences are counted in characters [MODBUS §1.4, §1.5].
     assert_eq!(

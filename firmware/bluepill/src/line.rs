@@ -12,7 +12,7 @@ use embassy_stm32::peripherals::{PA8, PA9, PA10, USART1};
 use embassy_stm32::usart::{Config, Parity, StopBits, Uart};
 use embassy_stm32::{Peri, interrupt};
 use railbus_firmware::{Heard, Outbox, Ring, What};
-use railbus_wire::{Character, FRAME_MAX, Instant, Settings};
+use railbus_wire::{Character, FRAME_MAX, Instant, SerialSettings};
 
 static RING: Ring = Ring::new();
 static OUTBOX: Outbox<FRAME_MAX> = Outbox::new();
@@ -92,7 +92,7 @@ impl Line {
         direction: Peri<'static, PA8>,
     ) -> Line {
         let direction = Output::new(direction, Level::Low, Speed::Low);
-        let Ok(uart) = Uart::new_blocking(uart, from, to, config(Settings::FACTORY)) else {
+        let Ok(uart) = Uart::new_blocking(uart, from, to, config(SerialSettings::FACTORY)) else {
             panic!("the factory's settings suit the UART");
         };
         Line { uart, direction }
@@ -123,7 +123,7 @@ impl Line {
         });
     }
 
-    pub(crate) fn retune(&mut self, serial: Settings) {
+    pub(crate) fn retune(&mut self, serial: SerialSettings) {
         // The UART supports every speed and format that a module has.
         let _ = self.uart.set_config(&config(serial));
         // That leaves the receiver on and its interrupt off.
@@ -131,7 +131,7 @@ impl Line {
     }
 }
 
-fn config(serial: Settings) -> Config {
+fn config(serial: SerialSettings) -> Config {
     let mut config = Config::default();
     config.baudrate = serial.baud.rate();
     (config.parity, config.stop_bits) = match serial.character {

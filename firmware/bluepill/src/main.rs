@@ -35,7 +35,7 @@ use line::Line;
 use railbus_device::Eeprom;
 use railbus_firmware::{Board, Heard, Kept, Module, Sensed};
 use railbus_nvm::Flash;
-use railbus_wire::{Instant, Micros, Settings};
+use railbus_wire::{Instant, Micros, SerialSettings};
 use terminals::{Shared, Terminals};
 
 /// Where the settings are: as in `memory.x`.
@@ -160,7 +160,7 @@ impl Board for BluePill {
     fn listen(&mut self) {
         self.line.listen();
     }
-    fn retune(&mut self, serial: Settings) {
+    fn retune(&mut self, serial: SerialSettings) {
         self.line.retune(serial);
     }
     fn light(&mut self, lit: bool) {

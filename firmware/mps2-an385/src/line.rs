@@ -12,7 +12,7 @@ use crate::map::{CLOCK_HZ, LEDS, UART0};
 use crate::{clock, guard};
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use railbus_firmware::{Heard, Outbox, Ring, What};
-use railbus_wire::{FRAME_MAX, Instant, Micros, Settings};
+use railbus_wire::{FRAME_MAX, Instant, Micros, SerialSettings};
 
 const DRIVE: u32 = 1;
 const LED: u32 = 1 << 1;
@@ -130,7 +130,7 @@ pub(crate) fn listen() {
 
 /// Only the speed: this UART has one character format. Parity is neither sent nor checked, but the
 /// length of its characters counts in all times.
-pub(crate) fn retune(serial: Settings) {
+pub(crate) fn retune(serial: SerialSettings) {
     let character = serial.frame_time(1).0 as u32;
     CHARACTER.store(character, Ordering::Relaxed);
     UART0.divider.write(CLOCK_HZ / serial.baud.rate());

@@ -19,7 +19,7 @@ use cortex_m_rt::{ExceptionFrame, entry, exception};
 use railbus_device::Eeprom;
 use railbus_firmware::{About, At24c, Board, Heard, I2c, Kept, Module, Panel, Pins, Reset, Sensed};
 use railbus_nvm::Slots;
-use railbus_wire::{Instant, Settings};
+use railbus_wire::{Instant, SerialSettings};
 
 /// An interrupt has had something for the loop since the loop last looked.
 pub(crate) static NEWS: AtomicBool = AtomicBool::new(true);
@@ -126,7 +126,7 @@ impl Board for Mps2<'_> {
     fn listen(&mut self) {
         line::listen();
     }
-    fn retune(&mut self, serial: Settings) {
+    fn retune(&mut self, serial: SerialSettings) {
         line::retune(serial);
     }
     fn light(&mut self, lit: bool) {

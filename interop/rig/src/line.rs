@@ -3,7 +3,7 @@
 use crate::describe::Description;
 use railbus_device::{Eeprom, Effect, SetupError};
 use railbus_sim::{Act, Chunks, Input, Output, SlotId, VirtualLine, VirtualLineConfig};
-use railbus_wire::{Character, Instant, Micros, Settings};
+use railbus_wire::{Character, Instant, Micros, SerialSettings};
 use std::time::Duration;
 
 /// A change of an output: when in microseconds, which one, and whether it is on now.
@@ -91,7 +91,7 @@ impl Served {
     }
 
     /// The host sends.
-    pub fn send(&mut self, bytes: &[u8], settings: Settings) {
+    pub fn send(&mut self, bytes: &[u8], settings: SerialSettings) {
         let now = self.now();
         self.said = 0;
         self.settled = now + settings.frame_time(bytes.len()) + ANSWER;

@@ -1,6 +1,6 @@
 //! The pseudo-terminal that a master opens as its serial port.
 
-use railbus_wire::{Baud, Character, Settings};
+use railbus_wire::{Baud, Character, SerialSettings};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::{Mode, OFlags};
 use rustix::io::Errno;
@@ -62,7 +62,7 @@ impl Pty {
         &self,
         buffer: &'a mut [u8],
         character: Character,
-    ) -> std::io::Result<(&'a [u8], Option<Settings>)> {
+    ) -> std::io::Result<(&'a [u8], Option<SerialSettings>)> {
         let mut count = 0;
         // The kernel delivers a single write in two pieces where one of its buffers ends, and on a
         // busy machine the pause between them would end a Modbus frame.
@@ -78,7 +78,7 @@ impl Pty {
             }
         }
         let rate = tcgetattr(&self.ours)?.output_speed();
-        let settings = Baud::from_rate(rate).map(|baud| Settings { baud, character });
+        let settings = Baud::from_rate(rate).map(|baud| SerialSettings { baud, character });
         Ok((&buffer[..count], settings))
     }
 
@@ -87,7 +87,7 @@ impl Pty {
     ///
     /// # Errors
     /// Those of the system.
-    pub fn rest(&self, character: Character) -> std::io::Result<(Vec<u8>, Option<Settings>)> {
+    pub fn rest(&self, character: Character) -> std::io::Result<(Vec<u8>, Option<SerialSettings>)> {
         rustix::io::write(&self.theirs, MARK)?;
         let (mut rest, mut buffer) = (Vec::new(), [0; 512]);
         loop {

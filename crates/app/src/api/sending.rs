@@ -15,7 +15,7 @@ use railbus_host::{Fault, LateReply};
 use railbus_site::config::{Place, PointConfig};
 use railbus_site::{Config, Failure, RawTerms, Service};
 use railbus_wire::{
-    Baud, Character, Exchange, Frame, Micros, Protocol, Settings, foreign_command, lc02,
+    Baud, Character, Exchange, Frame, Micros, Protocol, SerialSettings, foreign_command, lc02,
 };
 use railbus_words::Lang;
 use railbus_words::hex;
@@ -237,11 +237,11 @@ fn bytes(
 
 /// The line's own speed and format, or those of the only module addressed, unless given explicitly.
 fn settings(
-    own: Settings,
+    own: SerialSettings,
     modules: &[String],
     config: &Config,
     wanted: &SendRequest,
-) -> Result<Settings, Problem> {
+) -> Result<SerialSettings, Problem> {
     let wrong = |what: &str| Problem::new(codes::BAD_REQUEST).with("reason", what);
     let own = match modules {
         [one] => config
@@ -258,7 +258,7 @@ fn settings(
         None => Some(own.character),
         Some(name) => Character::from_name(name),
     };
-    Ok(Settings {
+    Ok(SerialSettings {
         baud,
         character: character.ok_or_else(|| wrong("\"format\" can't be read"))?,
     })

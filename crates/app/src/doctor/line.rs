@@ -9,7 +9,7 @@ use crate::machine::Machine;
 use crate::machine::users::User;
 use railbus_host::{
     AnyPort, Event, Fault, Line, LineEvent, LineName, LineOptions, Module, ModuleId, Op, Plan,
-    Port, SerialOptions, Settings, Terms,
+    Port, SerialOptions, SerialSettings, Terms,
 };
 use railbus_wire::{Decoded, Protocol, ascii, lc02, r55, rtu};
 use railbus_words::Lang;
@@ -32,7 +32,7 @@ pub struct Chosen {
     /// Its port.
     pub port: LineName,
     /// How the port is set.
-    pub settings: Settings,
+    pub settings: SerialSettings,
     /// Their names, their setup, and a plan without polls.
     pub modules: Vec<(String, Module, Plan)>,
     /// The configuration of the line's state machine.
@@ -82,7 +82,7 @@ fn device_of(name: &LineName) -> Option<String> {
     }
 }
 
-fn opens(lang: Lang, port: &str, settings: Settings) -> Finding {
+fn opens(lang: Lang, port: &str, settings: SerialSettings) -> Finding {
     let values: &[(&str, &dyn std::fmt::Display)] = &[("port", &port), ("settings", &settings)];
     Finding::good(Section::Port, lang.fill(FindingText::PortGood, values))
 }
@@ -280,7 +280,7 @@ mod tests {
         Chosen {
             name: "main".to_owned(),
             port: "/dev/ttyUSB0".parse().unwrap(),
-            settings: Settings::FACTORY,
+            settings: SerialSettings::FACTORY,
             modules: vec![
                 ("oven".to_owned(), module(3), Plan::NEVER),
                 ("cold".to_owned(), module(4), Plan::NEVER),

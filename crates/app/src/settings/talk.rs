@@ -2,7 +2,7 @@
 
 use railbus_commission::{Heard, TimedExchange};
 use railbus_host::{AnyPort, LineName, Medium, Port, PortError, PortHistory, SerialOptions};
-use railbus_wire::{Frame, Instant, Micros, Settings};
+use railbus_wire::{Frame, Instant, Micros, SerialSettings};
 use std::time::Duration;
 use tokio::time::{Instant as Moment, timeout_at};
 
@@ -29,7 +29,7 @@ impl Talk {
     ///
     /// # Errors
     /// Why it can't be opened.
-    pub async fn open(name: &LineName, settings: Settings) -> Result<Talk, PortError> {
+    pub async fn open(name: &LineName, settings: SerialSettings) -> Result<Talk, PortError> {
         let options = SerialOptions {
             settings,
             ..SerialOptions::default()
@@ -57,7 +57,7 @@ impl Talk {
     }
 
     /// Whether the port can change its speed. A serial server keeps its own.
-    pub fn follows(&self, from: Settings, to: Settings) -> bool {
+    pub fn follows(&self, from: SerialSettings, to: SerialSettings) -> bool {
         match (&self.port, self.port.medium()) {
             (AnyPort::Tcp(_) | AnyPort::ModbusTcp(_), _) => from == to,
             // A pseudo-terminal has a speed, and no parity.

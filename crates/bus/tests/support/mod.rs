@@ -7,7 +7,7 @@
 
 use railbus_bus::{Bus, Event, Input, Output};
 use railbus_device::{Engine, Input as Told, Output as Does};
-use railbus_wire::{Instant, Micros, Settings};
+use railbus_wire::{Instant, Micros, SerialSettings};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
@@ -17,7 +17,7 @@ pub enum Happening {
     /// The line sent a frame, from now until `end`.
     Frame {
         bytes: Vec<u8>,
-        settings: Settings,
+        settings: SerialSettings,
         end: Instant,
     },
     /// The line heard these bytes.

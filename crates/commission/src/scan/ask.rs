@@ -4,7 +4,7 @@
 use railbus_bus::Probe;
 use railbus_device::{Family, Sign};
 use railbus_wire::{
-    Address, Decoded, Exchange, Frame, Micros, Protocol, REPLY_TIMEOUT, Settings, ascii,
+    Address, Decoded, Exchange, Frame, Micros, Protocol, REPLY_TIMEOUT, SerialSettings, ascii,
     foreign_command, lc02, r55, rtu,
 };
 
@@ -222,7 +222,7 @@ impl ProbeKind {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct ScanProbe {
     /// Speed and character format.
-    pub settings: Settings,
+    pub settings: SerialSettings,
     /// The kind of request.
     pub ask: ProbeKind,
     /// The address.
@@ -297,7 +297,7 @@ impl ScanProbe {
     /// How long after the end of the request silence becomes certain, if `usual` is the usual time.
     /// A Modbus module needs 3.5 characters to detect that end, which is more at lower speeds.
     pub(super) fn silence(&self, usual: Micros) -> Micros {
-        let slower = self.settings.t3_5() - Settings::FACTORY.t3_5();
+        let slower = self.settings.t3_5() - SerialSettings::FACTORY.t3_5();
         match self.ask {
             ProbeKind::Registers4 => usual + SECOND_LOOK + slower,
             _ if self.ask.protocol() == Protocol::Rtu => usual + slower,
@@ -388,7 +388,7 @@ mod tests {
         let questions = asks.flat_map(|ask| (0..=255).map(move |address| (ask, address)));
         let questions = questions.filter_map(|(ask, address)| {
             let question = ScanProbe {
-                settings: Settings::FACTORY,
+                settings: SerialSettings::FACTORY,
                 ask,
                 address: Address(address),
             };
@@ -461,7 +461,7 @@ mod tests {
     #[test]
     fn a_question_that_is_a_command_elsewhere_is_asked_otherwise() {
         let question = |ask, address| ScanProbe {
-            settings: Settings::FACTORY,
+            settings: SerialSettings::FACTORY,
             ask,
             address: Address(address),
         };
@@ -483,9 +483,9 @@ mod tests {
             .into_iter()
             .filter(|ask| !ask.is_description());
         for (ask, baud) in all.flat_map(|ask| speeds.map(|baud| (ask, baud))) {
-            let settings = Settings {
+            let settings = SerialSettings {
                 baud,
-                ..Settings::FACTORY
+                ..SerialSettings::FACTORY
             };
             let address = Address(1);
             let asked = ScanProbe {
@@ -501,7 +501,7 @@ mod tests {
     #[test]
     fn the_long_silence_is_kept_only_where_somebody_wants_it() {
         let gap = |ask, address| {
-            let settings = Settings::FACTORY;
+            let settings = SerialSettings::FACTORY;
             let address = Address(address);
             let asked = ScanProbe {
                 settings,

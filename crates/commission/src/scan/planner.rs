@@ -9,7 +9,7 @@ use super::{
 };
 use railbus_bus::LateReply;
 use railbus_bus::Probed;
-use railbus_wire::{Address, Frame, Instant, Micros, Settings, r55};
+use railbus_wire::{Address, Frame, Instant, Micros, SerialSettings, r55};
 use std::collections::{HashSet, VecDeque};
 
 /// How long a reply to a request may still arrive.
@@ -49,7 +49,7 @@ pub struct Scanner {
     asked_early: HashSet<ScanProbe>,
     place: ScanPosition,
     /// Current speed and format of the line.
-    at: Option<Settings>,
+    at: Option<SerialSettings>,
     current: Option<(ScanProbe, Why)>,
     /// The last frame sent.
     last: Frame,
@@ -515,7 +515,7 @@ impl Scanner {
 
     /// If at most one 0x55 board was found, it is asked for its address, whatever that is.
     fn take_boards(&mut self) -> Option<ScanProbe> {
-        if !self.looks_beyond || self.at.is_some_and(|at| at != Settings::FACTORY) {
+        if !self.looks_beyond || self.at.is_some_and(|at| at != SerialSettings::FACTORY) {
             return None;
         }
         self.looks_beyond = false;
@@ -524,7 +524,7 @@ impl Scanner {
             .iter()
             .filter(|found| found.asked.ask == ProbeKind::R55State);
         (boards.count() <= 1).then_some(ScanProbe {
-            settings: Settings::FACTORY,
+            settings: SerialSettings::FACTORY,
             ask: ProbeKind::R55Address,
             address: r55::BROADCAST,
         })

@@ -1,7 +1,7 @@
 //! How far a scan has got, and its statistics.
 
 use super::ask::ProbeKind;
-use railbus_wire::{Micros, Settings};
+use railbus_wire::{Micros, SerialSettings};
 
 /// The position of a scan: a run of its scope, and an address of that run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
@@ -40,7 +40,7 @@ pub struct ScanProgress {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LeftOut {
     /// Speed and character format.
-    pub settings: Settings,
+    pub settings: SerialSettings,
     /// The kind of request.
     pub ask: ProbeKind,
     /// The addresses.

@@ -2,7 +2,7 @@
 
 use super::ask::{ProbeKind, ScanProbe};
 use railbus_device::Family;
-use railbus_wire::{Address, Baud, Character, Micros, Protocol, Settings};
+use railbus_wire::{Address, Baud, Character, Micros, Protocol, SerialSettings};
 
 /// How far a scan goes by default.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -61,7 +61,7 @@ pub struct Known {
     /// Its configured model.
     pub family: Family,
     /// Speed and character format.
-    pub settings: Settings,
+    pub settings: SerialSettings,
     /// Its protocol.
     pub protocol: Protocol,
     /// Its address.
@@ -93,7 +93,7 @@ pub struct ScanOptions {
     /// How far to go.
     pub depth: Depth,
     /// The line's own speed and format, if not the factory's.
-    pub line: Option<Settings>,
+    pub line: Option<SerialSettings>,
     /// Only these addresses.
     pub addresses: Option<Vec<u8>>,
     /// Only these protocols.
@@ -132,7 +132,7 @@ pub struct Scope {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Run {
     /// Speed and character format.
-    pub settings: Settings,
+    pub settings: SerialSettings,
     /// The kind of request.
     pub ask: ProbeKind,
     /// The addresses.
@@ -141,7 +141,7 @@ pub struct Run {
 
 impl Run {
     /// The request to those addresses that a module can have.
-    fn of(settings: Settings, ask: ProbeKind, addresses: &[u8]) -> Run {
+    fn of(settings: SerialSettings, ask: ProbeKind, addresses: &[u8]) -> Run {
         let possible = |address: &u8| {
             let address = Address(*address);
             let question = ScanProbe {
@@ -173,7 +173,7 @@ impl Scope {
     /// The scope for these wishes; no runs if they contradict each other.
     #[must_use]
     pub fn of(wish: &ScanOptions, known: Vec<Known>) -> Scope {
-        let own = wish.line.unwrap_or(Settings::FACTORY);
+        let own = wish.line.unwrap_or(SerialSettings::FACTORY);
         let quick = wish.depth == Depth::Quick;
         let addresses = wish.addresses.clone().unwrap_or_else(|| match quick {
             true => (1..=32).collect(),
@@ -192,12 +192,12 @@ impl Scope {
         let protocols = protocols.unwrap_or_else(|| Protocol::ALL.to_vec());
         let settings = characters.iter().flat_map(|character| {
             let character = *character;
-            bauds.iter().map(move |baud| Settings {
+            bauds.iter().map(move |baud| SerialSettings {
                 baud: *baud,
                 character,
             })
         });
-        let wanted = |ask: &ProbeKind, settings: Settings| {
+        let wanted = |ask: &ProbeKind, settings: SerialSettings| {
             let fits = match ask {
                 ProbeKind::AsciiName(checksum) => {
                     wish.checksum.is_none_or(|only| only == *checksum)
@@ -269,7 +269,7 @@ impl Scope {
         let at_factory = |run: &&Run| {
             // The request with checksum would have to wait for the reply without.
             let ask = !matches!(run.ask, ProbeKind::AsciiName(true) | ProbeKind::Registers4);
-            let speed = self.factory || run.settings == Settings::FACTORY;
+            let speed = self.factory || run.settings == SerialSettings::FACTORY;
             ask && speed && run.addresses.contains(&1)
         };
         let mut asked = Vec::new();
@@ -280,7 +280,7 @@ impl Scope {
             is_new
         });
         runs.map(|run| ScanProbe {
-            settings: Settings::FACTORY,
+            settings: SerialSettings::FACTORY,
             ask: run.ask,
             address: Address(1),
         })
@@ -301,10 +301,10 @@ const FIRST: [ProbeKind; 6] = [
 
 /// Whether modules of the five families can have these settings. Explicitly given ones are tried
 /// anyway, unless no module ever has them.
-fn is_possible(protocol: Protocol, settings: Settings, named: bool) -> bool {
+fn is_possible(protocol: Protocol, settings: SerialSettings, named: bool) -> bool {
     match protocol {
         Protocol::Rtu => true,
-        Protocol::R55 => settings == Settings::FACTORY,
+        Protocol::R55 => settings == SerialSettings::FACTORY,
         Protocol::Ascii | Protocol::Lc02 => {
             settings.character == Character::N1 && (named || settings.baud <= EDA_FASTEST)
         }
@@ -318,7 +318,7 @@ mod tests {
     fn runs(wish: &ScanOptions) -> Vec<(u32, String, ProbeKind, usize)> {
         let scope = Scope::of(wish, Vec::new());
         let told = |run: &Run| {
-            let Settings { baud, character } = run.settings;
+            let SerialSettings { baud, character } = run.settings;
             let (rate, format) = (baud.rate(), character.to_string());
             (rate, format, run.ask, run.addresses.len())
         };

@@ -7,7 +7,7 @@ use railbus_device::{Eeprom, Effect, Family, Options, Setup};
 use railbus_sim::{
     Act, Chunks, Input as Told, Output as Does, Power, SlotId, VirtualLine, VirtualLineConfig,
 };
-use railbus_wire::{Address, Baud, Exchange, Frame, Instant, Micros, Protocol, Settings};
+use railbus_wire::{Address, Baud, Exchange, Frame, Instant, Micros, Protocol, SerialSettings};
 
 /// How a scan went.
 #[derive(Debug)]
@@ -92,7 +92,7 @@ impl Bench {
     }
 
     /// Switches an output on before the scan.
-    pub(crate) fn switch_on(&mut self, exchange: &Exchange<'_>, settings: Settings) {
+    pub(crate) fn switch_on(&mut self, exchange: &Exchange<'_>, settings: SerialSettings) {
         let mut frame = Frame::new();
         exchange.encode(&mut frame);
         let bytes = frame.bytes();
@@ -258,9 +258,9 @@ pub(crate) fn told(found: &FoundModule) -> String {
 pub(crate) fn module(family: Family, address: u8, protocol: Protocol, baud: Baud) -> Setup {
     Setup {
         protocol,
-        serial: Settings {
+        serial: SerialSettings {
             baud,
-            ..Settings::FACTORY
+            ..SerialSettings::FACTORY
         },
         ..Setup::new(family, Address(address))
     }

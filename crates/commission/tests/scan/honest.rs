@@ -4,7 +4,7 @@ use crate::bench::{Bench, module};
 use railbus_commission::scan::{Detail, Known, LeftOut, ScanOptions, Scanner, Scope, Verdict};
 use railbus_device::{Family, Setup};
 use railbus_sim::{Chance, DurationRange, Faults};
-use railbus_wire::{Address, Baud, Micros, Protocol, Settings};
+use railbus_wire::{Address, Baud, Micros, Protocol, SerialSettings};
 
 fn at_9600(family: Family, address: u8, protocol: Protocol) -> Setup {
     module(family, address, protocol, Baud::B9600)
@@ -183,9 +183,9 @@ fn known_modules_come_first_and_are_compared() {
     let known = |name: &str, family, address, baud| Known {
         name: name.to_owned(),
         family,
-        settings: Settings {
+        settings: SerialSettings {
             baud,
-            ..Settings::FACTORY
+            ..SerialSettings::FACTORY
         },
         protocol: Protocol::Rtu,
         address: Address(address),

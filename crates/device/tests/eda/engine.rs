@@ -213,7 +213,7 @@ fn nothing_was_sent() {
         assert_eq!(module.engine.active().address, Address(1));
         module.wait(5);
         module.input(Input::Sent);
-        assert_eq!(module.engine.active().serial, Settings::FACTORY);
+        assert_eq!(module.engine.active().serial, SerialSettings::FACTORY);
         let end = module.now + Micros::from_millis(50);
         assert!(module.run_until(end).is_some());
         assert_eq!(module.engine.active().address, Address(2));

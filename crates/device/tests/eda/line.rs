@@ -30,7 +30,7 @@ fn five_speeds_always_8n1() {
             let to = 0x10 + code;
             let reply = module.ask(&write_config(protocol, from, to, code, false));
             assert!(reply.is_some(), "{protocol}, {baud}");
-            let now = Settings {
+            let now = SerialSettings {
                 baud,
                 character: Character::N1,
             };
@@ -51,7 +51,7 @@ fn five_speeds_always_8n1() {
             Setup { serial, ..setup }.check()
         };
         let [even, fast] = [(Character::E1, Baud::B9600), (Character::N1, Baud::B38400)]
-            .map(|(character, baud)| with(Settings { baud, character }));
+            .map(|(character, baud)| with(SerialSettings { baud, character }));
         assert_eq!(even, Err(SetupError::Character));
         assert_eq!(fast, Err(SetupError::Baud));
     }
@@ -135,7 +135,7 @@ fn applies_so(mut module: Bench, (address, speed, checksum): (u8, u32, bool)) {
     let reply = module.ask(&write_config(protocol, 1, 2, 7, true));
     let reply = reply.expect("an acknowledgement");
     assert!(!ascii || reply.len() == 4, "no checksum yet: {reply:02X?}");
-    let took = Settings::FACTORY.frame_time(reply.len());
+    let took = SerialSettings::FACTORY.frame_time(reply.len());
     match module.did()[..] {
         [(saved, Effect::Save(_)), (changed, Effect::Serial(now))] => {
             assert_eq!(now.baud.rate(), speed);
@@ -261,9 +261,9 @@ fn the_gap_follows_the_settings() {
             assert_eq!(is_heard(&mut module, 4, &ask), heard, "{protocol}");
         }
         // 29 ms at 1200, and less than 2 ms at 19200.
-        let serial_1200 = Settings {
+        let serial_1200 = SerialSettings {
             baud: Baud::B1200,
-            ..Settings::FACTORY
+            ..SerialSettings::FACTORY
         };
         let slow = Setup {
             serial: serial_1200,

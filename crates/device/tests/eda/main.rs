@@ -15,7 +15,7 @@ use eda::{PROTOCOLS, converse, host, is_silent_to, setup};
 use railbus_device::{Applies, Bank, Change, Eeprom, Effect, Family, Op, Options};
 use railbus_device::{Observation, Refusal, Setup, SetupError};
 use railbus_wire::{Address, Baud, Channel, Character, Decoded, Malformed, Micros, Protocol};
-use railbus_wire::{Settings, crc16, lc02::envelope, rtu::Exception, sum8};
+use railbus_wire::{SerialSettings, crc16, lc02::envelope, rtu::Exception, sum8};
 use support::{Bench, hex, lc02, request, sealed, seen, with_crc};
 
 const BOTH: [Family; 2] = [Family::Eda9060a, Family::Eda9050];

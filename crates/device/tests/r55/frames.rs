@@ -88,7 +88,7 @@ const DELIVERIES: [usize; 5] = [1, 3, 8, 13, usize::MAX];
 fn deliver(board: &mut Bench, bytes: &[u8], at_a_time: usize) -> Option<Vec<u8>> {
     board.wait(50);
     for lot in bytes.chunks(at_a_time.min(bytes.len())) {
-        board.now = board.now + Settings::FACTORY.frame_time(lot.len());
+        board.now = board.now + SerialSettings::FACTORY.frame_time(lot.len());
         board.engine.handle(board.now, Input::Bytes(lot));
         if at_a_time == 1 {
             assert_eq!(board.run_until(board.now), None, "it talks into a chain");
@@ -152,7 +152,7 @@ fn turnaround() {
         };
         let mut board = Bench::with(setup, Eeprom::of(&setup), options);
         board.send(&frame("01 10 00000000"));
-        let begins = board.now + Settings::FACTORY.t1_5() + turnaround;
+        let begins = board.now + SerialSettings::FACTORY.t1_5() + turnaround;
         assert_eq!(board.run_until(Instant(begins.0 - 1)), None);
         assert!(board.run_until(begins).is_some());
     }

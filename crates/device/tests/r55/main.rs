@@ -14,7 +14,7 @@ use railbus_device::{
     Setup, board_address,
 };
 use railbus_wire::r55::{self, U24};
-use railbus_wire::{Address, Channel, Exchange, Instant, Micros, Reply, Settings, sum8};
+use railbus_wire::{Address, Channel, Exchange, Instant, Micros, Reply, SerialSettings, sum8};
 use support::{Bench, hex, request, seen};
 
 fn setup(layout: Layout, outputs: u8, inputs: u8) -> Setup {

@@ -46,7 +46,7 @@ fn the_window_for_an_address() {
         let powered = board.now;
         let write = frame("01 41 00000007");
         let end = powered + Micros::from_secs(10) + Micros(late);
-        let took = Settings::FACTORY.frame_time(1).0 * 8;
+        let took = SerialSettings::FACTORY.frame_time(1).0 * 8;
         assert_eq!(board.run_until(Instant(end.0 - took)), None);
         board.send(&write);
         assert_eq!(board.now, end);
@@ -84,7 +84,7 @@ fn the_old_address_holds_until_the_reply_has_left() {
     let mut board = relays(32);
     board.send(&frame("01 41 00000007"));
     assert_eq!(board.engine.active().address, Address(1));
-    let left = board.now + Settings::FACTORY.t1_5() + Settings::FACTORY.frame_time(8);
+    let left = board.now + SerialSettings::FACTORY.t1_5() + SerialSettings::FACTORY.frame_time(8);
     assert!(board.run_until(left).is_some());
     assert_eq!(
         (board.now, board.engine.active().address),

@@ -6,7 +6,7 @@ use railbus_device::{Family, Setup};
 use railbus_site::Config;
 pub(super) use railbus_site::config::change::Keys;
 use railbus_site::config::change::{self, Refused};
-use railbus_wire::{Address, Settings};
+use railbus_wire::{Address, SerialSettings};
 use serde_json::Value;
 
 /// The most modules that one request adds: more than all lines of a machine have.
@@ -47,7 +47,7 @@ pub(super) fn add_modules(text: &str, modules: Vec<Keys>) -> Result<String, Prob
         let serial = config
             .lines
             .get(line)
-            .map_or(Settings::FACTORY, |line| line.serial);
+            .map_or(SerialSettings::FACTORY, |line| line.serial);
         let keys = in_its_words(keys, &anyway(serial));
         let keys = without_usual_protocol(keys);
         text = change::set(&text, &["module", &name], &keys)
@@ -174,7 +174,7 @@ fn text_in<'k>(keys: &'k Keys, key: &str) -> Option<&'k str> {
 }
 
 /// The defaults of a module on a line.
-fn anyway(serial: Settings) -> [(&'static str, Value); 3] {
+fn anyway(serial: SerialSettings) -> [(&'static str, Value); 3] {
     [
         ("baud", serial.baud.rate().into()),
         ("format", serial.character.to_string().into()),

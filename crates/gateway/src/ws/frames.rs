@@ -7,7 +7,7 @@ use railbus_app::api::convert;
 use railbus_app::frames::{Facts, as_json};
 use railbus_host::Tap;
 use railbus_site::{Service, Update};
-use railbus_wire::Settings;
+use railbus_wire::SerialSettings;
 use railbus_words::Lang;
 use serde_json::Value;
 
@@ -28,7 +28,7 @@ pub(super) async fn follow(
             let settings = service.line(&line).map(|status| status.serial);
             let mut listener = FrameListener::new(
                 convert::start_of(now),
-                settings.unwrap_or(Settings::FACTORY),
+                settings.unwrap_or(SerialSettings::FACTORY),
             );
             listen(&service, (&line, lang), tap, &mut listener, &mut out).await?;
         }

@@ -1,11 +1,15 @@
 //! Terminal modes for each speed and character format.
 
-use railbus_wire::{Character, Settings};
+use railbus_wire::{Character, SerialSettings};
 use rustix::termios::{ControlModes, InputModes, SpecialCodeIndex, Termios};
 
 /// Sets a terminal's modes to pass bytes through at this speed and in this format. Pseudo-terminals
 /// have no parity: requesting it fails or is ignored.
-pub(crate) fn set(mode: &mut Termios, settings: Settings, pts: bool) -> rustix::io::Result<()> {
+pub(crate) fn set(
+    mode: &mut Termios,
+    settings: SerialSettings,
+    pts: bool,
+) -> rustix::io::Result<()> {
     mode.make_raw();
     // A read returns "would block" until there is a byte. With 0 an empty port would look like one
     // that is gone.
@@ -67,7 +71,7 @@ mod tests {
                 (Character::O1, ControlModes::PARENB | ControlModes::PARODD),
             ] {
                 let mut mode = any.clone();
-                set(&mut mode, Settings { baud, character }, false).unwrap();
+                set(&mut mode, SerialSettings { baud, character }, false).unwrap();
                 assert_eq!(mode.input_speed(), baud.rate());
                 assert_eq!(mode.output_speed(), baud.rate());
                 let both = ControlModes::PARENB | ControlModes::PARODD | ControlModes::CSTOPB;
@@ -87,7 +91,7 @@ mod tests {
         let mut mode = some_mode();
         for character in [Character::E1, Character::O1, Character::N2] {
             let baud = Baud::B19200;
-            set(&mut mode, Settings { baud, character }, true).unwrap();
+            set(&mut mode, SerialSettings { baud, character }, true).unwrap();
             let both = ControlModes::PARENB | ControlModes::PARODD | ControlModes::CSTOPB;
             assert!(!mode.control_modes.intersects(both));
             assert_eq!(mode.output_speed(), 19200);
@@ -99,7 +103,7 @@ mod tests {
         let mut mode = some_mode();
         let baud = Baud::B9600;
         for character in [Character::O1, Character::N2, Character::E1, Character::N1] {
-            set(&mut mode, Settings { baud, character }, false).unwrap();
+            set(&mut mode, SerialSettings { baud, character }, false).unwrap();
         }
         let all = ControlModes::PARENB | ControlModes::PARODD | ControlModes::CSTOPB;
         assert!(!mode.control_modes.intersects(all));

@@ -3,7 +3,7 @@
 use super::{Granted, Rs485, SerialOptions, access, holder, mark, mode, rest};
 use crate::{PortError, ioctl};
 use railbus_bus::PortHistory;
-use railbus_wire::Settings;
+use railbus_wire::SerialSettings;
 use rustix::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
 use rustix::fs::{FlockOperation, Mode, OFlags, flock};
 use rustix::io::Errno;
@@ -32,7 +32,7 @@ pub(crate) struct Tty {
     rs485_before: Option<ioctl::SerialRs485>,
     /// The modes it has now.
     mode: Termios,
-    settings: Settings,
+    settings: SerialSettings,
     pts: bool,
     granted: Granted,
     past: PortHistory,
@@ -100,7 +100,7 @@ impl Tty {
         Ok(tty)
     }
 
-    pub(crate) const fn settings(&self) -> Settings {
+    pub(crate) const fn settings(&self) -> SerialSettings {
         self.settings
     }
 
@@ -155,7 +155,7 @@ impl Tty {
 
     /// Passes a frame to the driver. If it is not taken whole it is withdrawn: the rest would be
     /// sent at an unknown time, when modules may be doing something else.
-    pub(crate) fn send(&mut self, bytes: &[u8], settings: Settings) -> io::Result<()> {
+    pub(crate) fn send(&mut self, bytes: &[u8], settings: SerialSettings) -> io::Result<()> {
         if settings != self.settings {
             self.set(settings)?;
         }
@@ -171,7 +171,7 @@ impl Tty {
 
     /// Changes speed and format at once, without waiting for output to drain, which may take for
     /// ever: the line has already waited for the last frame to be sent.
-    fn set(&mut self, settings: Settings) -> rustix::io::Result<()> {
+    fn set(&mut self, settings: SerialSettings) -> rustix::io::Result<()> {
         mode::set(&mut self.mode, settings, self.pts)?;
         tcsetattr(&self.fd, OptionalActions::Now, &self.mode)?;
         self.settings = settings;

@@ -7,7 +7,7 @@
 
 use railbus_device::{Eeprom, Engine, Input, Options, Output, Setup};
 use railbus_host::{Config, Family, LineName, LineOptions, Module, Plan, Protocol};
-use railbus_wire::{Address, Instant, Micros, Settings};
+use railbus_wire::{Address, Instant, Micros, SerialSettings};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fd::OwnedFd;
 use rustix::io::Errno;
@@ -196,7 +196,9 @@ impl Play {
 
     fn pace(&self, bytes: usize) {
         if self.paced {
-            thread::sleep(Duration::from_micros(Settings::FACTORY.frame_time(bytes).0));
+            thread::sleep(Duration::from_micros(
+                SerialSettings::FACTORY.frame_time(bytes).0,
+            ));
         }
     }
 }

@@ -12,7 +12,7 @@ pub mod nor;
 use proptest::prelude::*;
 use railbus_device::{Applies, Calibration, Eeprom, Extensions, Family, Layout, Options, Setup};
 use railbus_nvm::Record;
-use railbus_wire::{Address, Micros, Protocol, PulseWidth, Settings};
+use railbus_wire::{Address, Micros, Protocol, PulseWidth, SerialSettings};
 
 /// Random numbers from a seed (SplitMix64).
 #[derive(Clone, Debug)]
@@ -71,7 +71,7 @@ fn setup() -> impl Strategy<Value = Setup> {
         let [address, protocol, baud, character] = picks;
         let profile = family.profile();
         let (bauds, characters) = (profile.bauds, profile.characters);
-        let serial = Settings {
+        let serial = SerialSettings {
             baud: bauds[usize::from(baud) % bauds.len()].1,
             character: characters[usize::from(character) % characters.len()].1,
         };
@@ -138,7 +138,7 @@ fn eeprom() -> impl Strategy<Value = Eeprom> {
             let (watchdog, power_on, safe, tripped) = extensions;
             Eeprom {
                 address: Address(1),
-                serial: Settings::FACTORY,
+                serial: SerialSettings::FACTORY,
                 protocol: Protocol::Rtu,
                 checksum,
                 pulse_mask: pulses.0,

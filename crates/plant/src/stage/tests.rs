@@ -5,7 +5,7 @@ use crate::orders::{Directory, Order};
 use crate::{answers, plant};
 use railbus_sim::{Input, Output};
 use railbus_site::Config;
-use railbus_wire::{Baud, Character, Instant, Micros, Settings};
+use railbus_wire::{Baud, Character, Instant, Micros, SerialSettings};
 use railbus_words::Lang;
 
 const PLANT: &str = r#"
@@ -108,10 +108,10 @@ impl Bench {
 
     /// What the host hears within a second of sending.
     fn ask(&mut self, bytes: &[u8]) -> Vec<u8> {
-        self.ask_with(bytes, Settings::FACTORY)
+        self.ask_with(bytes, SerialSettings::FACTORY)
     }
 
-    fn ask_with(&mut self, bytes: &[u8], settings: Settings) -> Vec<u8> {
+    fn ask_with(&mut self, bytes: &[u8], settings: SerialSettings) -> Vec<u8> {
         self.run(Micros::from_millis(20));
         self.heard.clear();
         self.stage.handle(self.now, Input::Send { bytes, settings });
@@ -397,7 +397,7 @@ fn a_module_of_another_parity_is_understood() {
     let text = PLANT.replace("address = 3\n", "address = 3\nformat = \"8E1\"\n");
     let mut bench = Bench::new(&text);
     assert_eq!(bench.ask(&OVEN_ON), SILENCE);
-    let even = Settings {
+    let even = SerialSettings {
         baud: Baud::B9600,
         character: Character::E1,
     };

@@ -18,7 +18,7 @@ use railbus_host::{LineState, Tap};
 use railbus_site::config::{LineConfig, ModuleConfig, Name, Range};
 use railbus_site::paths;
 use railbus_site::{Config, Service};
-use railbus_wire::{Address, Baud, Character, Instant, Settings};
+use railbus_wire::{Address, Baud, Character, Instant, SerialSettings};
 use railbus_words::Lang;
 use std::collections::BTreeMap;
 
@@ -229,7 +229,7 @@ pub(crate) fn described(ad_hoc: &AdHoc) -> Result<Config, Problem> {
             Baud::from_rate(rate).ok_or_else(|| wrong(format!("no such speed: {rate}")))?
         }
     };
-    let serial = Settings {
+    let serial = SerialSettings {
         baud,
         character: ad_hoc.format.unwrap_or(Character::N1),
     };

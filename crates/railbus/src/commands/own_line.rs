@@ -6,7 +6,7 @@ use super::Context;
 use super::place::{Place, port_failure};
 use railbus_app::failure::Failure;
 use railbus_commission::Risk;
-use railbus_host::{EchoMode, Fault, Line, LineOptions, Probe, ProbeResult, Settings};
+use railbus_host::{EchoMode, Fault, Line, LineOptions, Probe, ProbeResult, SerialSettings};
 use railbus_wire::{Decoded, Exchange, Frame, Micros, Protocol, ascii, lc02, r55, rtu};
 use railbus_words::Code;
 
@@ -17,7 +17,7 @@ const GAP: Micros = Micros::from_millis(20);
 pub(super) struct OwnLine<'c> {
     context: &'c Context,
     line: Line,
-    settings: Settings,
+    settings: SerialSettings,
     /// Whether the adapter echoes is known, or was tried once without result.
     knows_echo: bool,
 }

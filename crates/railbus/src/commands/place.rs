@@ -6,7 +6,7 @@ use railbus_api::types::LineInfo;
 use railbus_app::api::failures::right_to;
 use railbus_app::failure::Failure;
 use railbus_host::{EchoMode, LineName, PortError};
-use railbus_wire::{Baud, Character, Settings};
+use railbus_wire::{Baud, Character, SerialSettings};
 use railbus_words::Code;
 
 /// A line, for opening it.
@@ -14,7 +14,7 @@ use railbus_words::Code;
 pub(super) struct Place {
     pub(super) line: String,
     pub(super) port: LineName,
-    pub(super) settings: Settings,
+    pub(super) settings: SerialSettings,
     pub(super) echo: EchoMode,
 }
 
@@ -43,7 +43,7 @@ fn described(context: &Context, ad_hoc: &AdHoc) -> Result<Place, Failure> {
     Ok(Place {
         line: ad_hoc.port.clone(),
         port: name(context, &ad_hoc.port)?,
-        settings: Settings {
+        settings: SerialSettings {
             baud: baud.unwrap_or(Baud::B9600),
             character: ad_hoc.format.unwrap_or_default(),
         },
@@ -92,7 +92,7 @@ pub(super) async fn of(context: &Context, backend: &Backend) -> Result<Place, Fa
     let line = choose(context, lines.map_err(|problem| context.failure(&problem))?)?;
     Ok(Place {
         port: name(context, &line.port)?,
-        settings: settings(Some(line.baud), Some(&line.format), Settings::FACTORY),
+        settings: settings(Some(line.baud), Some(&line.format), SerialSettings::FACTORY),
         echo: EchoMode::Auto,
         line: line.line,
     })
@@ -126,8 +126,12 @@ fn name(context: &Context, port: &str) -> Result<LineName, Failure> {
 
 /// Baud rate and format as the API reports them; those that it does not report are taken from
 /// `own`.
-pub(super) fn settings(baud: Option<u32>, format: Option<&str>, own: Settings) -> Settings {
-    Settings {
+pub(super) fn settings(
+    baud: Option<u32>,
+    format: Option<&str>,
+    own: SerialSettings,
+) -> SerialSettings {
+    SerialSettings {
         baud: baud.and_then(Baud::from_rate).unwrap_or(own.baud),
         character: format
             .and_then(Character::from_name)

@@ -21,7 +21,7 @@ use railbus_app::frames::{Facts, Named};
 use railbus_app::render::{Format, out};
 use railbus_host::{LineName, PIECE_PAUSE};
 use railbus_sniff::{Heard, Input, Listener, Output};
-use railbus_wire::{Instant, Micros, Settings};
+use railbus_wire::{Instant, Micros, SerialSettings};
 use railbus_words::Code;
 use railbus_words::Lang;
 use record::Recorder;
@@ -415,12 +415,16 @@ impl<'a> Hearing<'a> {
 /// A line that is listened to.
 pub(super) struct ListenedLine {
     line: String,
-    settings: Settings,
+    settings: SerialSettings,
     pub(super) listener: Listener,
 }
 
 impl ListenedLine {
-    pub(super) fn new(line: String, settings: Settings, patience: Option<Micros>) -> ListenedLine {
+    pub(super) fn new(
+        line: String,
+        settings: SerialSettings,
+        patience: Option<Micros>,
+    ) -> ListenedLine {
         let listener = Listener::new(settings);
         ListenedLine {
             line,
@@ -434,7 +438,11 @@ impl ListenedLine {
 
     /// The same for a line of our own: a reply that its master receives in pieces is whole here,
     /// too.
-    pub(super) fn own(line: String, settings: Settings, patience: Option<Micros>) -> ListenedLine {
+    pub(super) fn own(
+        line: String,
+        settings: SerialSettings,
+        patience: Option<Micros>,
+    ) -> ListenedLine {
         let mut listener = ListenedLine::new(line, settings, patience);
         listener.listener = listener.listener.with_silence(PIECE_PAUSE);
         listener

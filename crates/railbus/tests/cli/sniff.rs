@@ -3,7 +3,7 @@
 use crate::published::{keeps_to, schema};
 use crate::site::{Ran, Site};
 use railbus_sniff::capture;
-use railbus_wire::{Instant, Settings, crc16};
+use railbus_wire::{Instant, SerialSettings, crc16};
 use rustix::fd::OwnedFd;
 use rustix::fs::{Mode, OFlags};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
@@ -58,7 +58,7 @@ pub(crate) fn captured(site: &Site) -> PathBuf {
     for (gap, frame) in faulty() {
         at = Instant(at.0 + gap);
         file.extend(capture::packet(0, at, &frame, None, ""));
-        at = at + Settings::FACTORY.frame_time(frame.len());
+        at = at + SerialSettings::FACTORY.frame_time(frame.len());
     }
     let path = site.folder.join("line.pcapng");
     std::fs::write(&path, file).expect("a file");

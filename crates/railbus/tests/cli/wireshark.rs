@@ -3,7 +3,7 @@
 use crate::site::Site;
 use crate::sniff::{Wire, captured, faulty};
 use railbus_sniff::capture;
-use railbus_wire::{Instant, Micros, Settings};
+use railbus_wire::{Instant, Micros, SerialSettings};
 use std::io::Write;
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
@@ -244,7 +244,7 @@ fn the_dissector_gives_the_verdict_of_sniff_on_lines_of_chance() {
             }
             at = at + Micros([5_000, 25_000, 60_000, 350_000, 2_500_000][random(5)]);
             file.extend(capture::packet(0, at, &frame, None, ""));
-            at = at + Settings::FACTORY.frame_time(frame.len());
+            at = at + SerialSettings::FACTORY.frame_time(frame.len());
         }
     }
     let path = site.folder.join("chance.pcapng");

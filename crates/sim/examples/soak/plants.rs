@@ -3,7 +3,7 @@
 use crate::dice::Dice;
 use railbus_device::{Eeprom, Family, Layout, Options, Setup};
 use railbus_sim::{Chance, Chunks, DurationRange, Faults, VirtualLineConfig};
-use railbus_wire::{Address, Baud, Character, Micros, Protocol, PulseWidth, Settings};
+use railbus_wire::{Address, Baud, Character, Micros, Protocol, PulseWidth, SerialSettings};
 
 /// A line to run.
 #[derive(Clone, Debug)]
@@ -141,7 +141,7 @@ pub(crate) const LINES: [Named<Vec<Fitted>>; 6] = [
         let odd = dice.between(0, 4) as usize;
         modules[odd].dead = dice.one_in(4);
         if dice.one_in(3) {
-            let serial = Settings {
+            let serial = SerialSettings {
                 baud: Baud::B19200,
                 character: Character::N1,
             };

@@ -4,7 +4,7 @@ use super::{Chunks, Outgoing, VirtualLine};
 use crate::talk::{Mark, State, Talk, Talker, understands};
 use crate::{SlotId, TraceDirection};
 use railbus_device::{Effect, Input, Output};
-use railbus_wire::{Instant, Settings};
+use railbus_wire::{Instant, SerialSettings};
 
 /// A character as received.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,7 +19,7 @@ enum Arrives {
 #[derive(Clone, Copy)]
 struct Heard<'a> {
     who: Talker,
-    settings: Settings,
+    settings: SerialSettings,
     unheard_by: &'a [SlotId],
     /// When the last of them ended.
     at: Instant,

@@ -3,14 +3,14 @@
 use super::{BACKLOG_MAX, VirtualLine};
 use crate::talk::{Mark, NEVER, State, Talk, Talker};
 use crate::{Faults, SlotId, TraceDirection};
-use railbus_wire::{Character, Instant, Micros, Settings};
+use railbus_wire::{Character, Instant, Micros, SerialSettings};
 
 /// Babble consists of bursts of this many characters.
 const BURST: usize = 64;
 
 impl VirtualLine {
     /// The host sends, after everything queued before.
-    pub(super) fn send(&mut self, bytes: &[u8], settings: Settings) {
+    pub(super) fn send(&mut self, bytes: &[u8], settings: SerialSettings) {
         self.host_settings = settings;
         let start = self.now.max(self.host_free_at);
         if bytes.is_empty() {
@@ -75,7 +75,7 @@ impl VirtualLine {
     fn talk_with_faults(
         &mut self,
         who: Talker,
-        settings: Settings,
+        settings: SerialSettings,
         at: Instant,
         reply: &[u8],
         faults: Faults,
@@ -106,7 +106,7 @@ impl VirtualLine {
     fn talk_in_pieces(
         &mut self,
         who: Talker,
-        settings: Settings,
+        settings: SerialSettings,
         start: Instant,
         mut rest: &[u8],
         faults: Faults,
@@ -136,7 +136,7 @@ impl VirtualLine {
     fn talk(
         &mut self,
         who: Talker,
-        settings: Settings,
+        settings: SerialSettings,
         start: Instant,
         bytes: &[u8],
         faults: Faults,
@@ -163,7 +163,7 @@ impl VirtualLine {
     pub(super) fn talk_garbage(
         &mut self,
         who: Talker,
-        settings: Settings,
+        settings: SerialSettings,
         at: Instant,
         time: Micros,
     ) {
@@ -172,7 +172,13 @@ impl VirtualLine {
         self.burst(who, settings, at, at + time);
     }
 
-    pub(super) fn burst(&mut self, who: Talker, settings: Settings, at: Instant, until: Instant) {
+    pub(super) fn burst(
+        &mut self,
+        who: Talker,
+        settings: SerialSettings,
+        at: Instant,
+        until: Instant,
+    ) {
         if at >= until {
             return;
         }
@@ -245,7 +251,13 @@ impl VirtualLine {
         self.talks[index].bytes = bytes;
     }
 
-    fn new_talk(&mut self, who: Talker, settings: Settings, start: Instant, bytes: &[u8]) -> Talk {
+    fn new_talk(
+        &mut self,
+        who: Talker,
+        settings: SerialSettings,
+        start: Instant,
+        bytes: &[u8],
+    ) -> Talk {
         let mut talk = self.spare.pop().unwrap_or(const { Talk::new() });
         talk.reset(who, settings, start);
         talk.bytes.extend_from_slice(bytes);

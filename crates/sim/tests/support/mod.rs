@@ -7,7 +7,7 @@
 
 use railbus_device::{Eeprom, Effect, Family, Options, Setup};
 use railbus_sim::{Act, Input, Output, SlotId, VirtualLine, VirtualLineConfig};
-use railbus_wire::{Address, Instant, Micros, Settings};
+use railbus_wire::{Address, Instant, Micros, SerialSettings};
 
 /// A line, its host, and everything that happened so far.
 pub struct Bench {
@@ -54,10 +54,10 @@ impl Bench {
 
     /// Begins to send, at 9600 8N1.
     pub fn send(&mut self, bytes: &[u8]) {
-        self.send_at(bytes, Settings::FACTORY);
+        self.send_at(bytes, SerialSettings::FACTORY);
     }
 
-    pub fn send_at(&mut self, bytes: &[u8], settings: Settings) {
+    pub fn send_at(&mut self, bytes: &[u8], settings: SerialSettings) {
         let input = Input::Send { bytes, settings };
         self.line.handle(self.now, input);
         self.drain();

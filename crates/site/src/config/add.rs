@@ -3,7 +3,7 @@
 
 use super::Config;
 use railbus_device::Setup;
-use railbus_wire::Settings;
+use railbus_wire::SerialSettings;
 use toml_edit::{DocumentMut, Item, Table, value};
 
 /// A line to be written with its modules if the text has none of that name.
@@ -14,7 +14,7 @@ pub struct NewLine<'a> {
     /// Its port.
     pub port: &'a str,
     /// The speed and character format of its modules.
-    pub serial: Settings,
+    pub serial: SerialSettings,
 }
 
 /// The text with these modules added to a line, each under its name. `None` if the text is no valid
@@ -28,7 +28,7 @@ pub fn with_modules(text: &str, line: NewLine<'_>, modules: &[(String, Setup)]) 
         None => {
             let mut table = Table::new();
             table.insert("port", value(line.port));
-            serial_keys(&mut table, line.serial, Settings::FACTORY);
+            serial_keys(&mut table, line.serial, SerialSettings::FACTORY);
             insert(&mut document, "line", line.name, table)?;
             line.serial
         }
@@ -74,7 +74,7 @@ pub fn free_name(config: &Config, taken: &[(String, Setup)], setup: &Setup) -> S
 }
 
 /// Writes speed and format where they differ from the defaults.
-fn serial_keys(table: &mut Table, serial: Settings, anyway: Settings) {
+fn serial_keys(table: &mut Table, serial: SerialSettings, anyway: SerialSettings) {
     if serial.baud != anyway.baud {
         table.insert("baud", value(i64::from(serial.baud.rate())));
     }
@@ -112,16 +112,16 @@ mod tests {
     const LINE: NewLine<'_> = NewLine {
         name: "main",
         port: "/dev/ttyUSB0",
-        serial: Settings::FACTORY,
+        serial: SerialSettings::FACTORY,
     };
 
     fn found() -> Vec<(String, Setup)> {
         let oven = Setup::new(Family::Erc8, Address(3));
         let gate = Setup {
             protocol: Protocol::Lc02,
-            serial: Settings {
+            serial: SerialSettings {
                 baud: Baud::B19200,
-                ..Settings::FACTORY
+                ..SerialSettings::FACTORY
             },
             ..Setup::new(Family::Eda9050, Address(2))
         };

@@ -169,7 +169,7 @@ fn keep(file: &Path) -> io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use railbus_wire::{Address, Baud, Character, Settings};
+    use railbus_wire::{Address, Baud, Character, SerialSettings};
 
     const TEXT: &str = "# our site\n[line.main] # the only one\nport = \"/dev/ttyUSB0\"\n\n\
         [module.pump] # in the cellar\nline = \"main\"\nmodel = \"eda9060a\"\n\
@@ -177,7 +177,7 @@ mod tests {
         address = 0x03\n";
 
     fn place(address: u8, baud: Baud) -> BusAddress {
-        let serial = Settings {
+        let serial = SerialSettings {
             baud,
             character: Character::N1,
         };

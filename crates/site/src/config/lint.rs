@@ -3,7 +3,7 @@
 
 use super::{Config, LineConfig, ModuleConfig};
 use railbus_device::{Module, Op};
-use railbus_wire::{Address, Frame, Micros, Protocol, Settings, lc02, r55};
+use railbus_wire::{Address, Frame, Micros, Protocol, SerialSettings, lc02, r55};
 
 /// A warning and what it is about.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -151,7 +151,7 @@ fn settings(path: &str, line: &LineConfig, modules: &[Named<'_>], warnings: &mut
     // If no module has the line's own settings, those of its first module count.
     let own = serials().find(|serial| *serial == line.serial);
     let own = own.or_else(|| serials().next()).unwrap_or(line.serial);
-    let differing = |differs: &dyn Fn(&Settings) -> bool| {
+    let differing = |differs: &dyn Fn(&SerialSettings) -> bool| {
         let count = serials().filter(differs).count();
         u32::try_from(count).unwrap_or(u32::MAX)
     };

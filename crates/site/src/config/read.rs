@@ -7,7 +7,7 @@ use super::{
 use railbus_bus::{EchoMode, Plan};
 use railbus_device::{Family, Layout, PointKind, Setup, SetupError};
 use railbus_host::LineName;
-use railbus_wire::{Address, Baud, Character, Protocol, Settings};
+use railbus_wire::{Address, Baud, Character, Protocol, SerialSettings};
 use std::collections::BTreeMap;
 use std::ops::Range as Span;
 use toml::Spanned;
@@ -172,7 +172,9 @@ impl<'t> Reader<'t> {
                             config.plant.lines.insert(name.clone(), sim);
                         }
                         let line = reader.line(section);
-                        let serial = line.as_ref().map_or(Settings::FACTORY, |line| line.serial);
+                        let serial = line
+                            .as_ref()
+                            .map_or(SerialSettings::FACTORY, |line| line.serial);
                         lines.insert(name.clone(), serial);
                         if let Some(line) = line {
                             if let Some(other) = taken.insert(line.port.clone(), name.clone()) {
@@ -278,7 +280,7 @@ impl<'t> Reader<'t> {
 
     fn line(&mut self, section: Section<'_, 't>) -> Option<LineConfig> {
         self.check_keys(&section, &LINE_KEYS);
-        let serial = self.serial(&section, Settings::FACTORY);
+        let serial = self.serial(&section, SerialSettings::FACTORY);
         let echo = self.one_of(&section, "echo", &ECHOES)?.unwrap_or_default();
         let name = self.name(&section)?;
         let port = self.required(&section, "port", |reader, value, path| {
@@ -298,7 +300,11 @@ impl<'t> Reader<'t> {
     }
 
     /// Speed and character format; by default those of the line.
-    fn serial(&mut self, section: &Section<'_, 't>, of_line: Settings) -> Option<Settings> {
+    fn serial(
+        &mut self,
+        section: &Section<'_, 't>,
+        of_line: SerialSettings,
+    ) -> Option<SerialSettings> {
         let baud = match section.table.get("baud") {
             None => Some(of_line.baud),
             Some(value) => {
@@ -318,7 +324,7 @@ impl<'t> Reader<'t> {
                 &Character::ALL.map(|format| (format.name(), format)),
             )?
             .unwrap_or(of_line.character);
-        Some(Settings {
+        Some(SerialSettings {
             baud: baud?,
             character,
         })
@@ -327,7 +333,7 @@ impl<'t> Reader<'t> {
     fn module(
         &mut self,
         section: Section<'_, 't>,
-        lines: &BTreeMap<String, Settings>,
+        lines: &BTreeMap<String, SerialSettings>,
     ) -> Option<(ModuleConfig, SimModule)> {
         self.check_keys(&section, &MODULE_KEYS);
         let families = Family::ALL.map(|family| (family.name(), family));
@@ -385,7 +391,7 @@ impl<'t> Reader<'t> {
         &mut self,
         section: &Section<'_, 't>,
         factory: Setup,
-        of_line: Settings,
+        of_line: SerialSettings,
     ) -> Option<Setup> {
         let protocols = Protocol::ALL.map(|protocol| (protocol.name(), protocol));
         let protocol = self

@@ -6,7 +6,7 @@ use crate::core::State;
 use crate::{Config, Quality, Value};
 use railbus_device::{Point, Setup};
 use railbus_host::{Evidence, LineState, Presence};
-use railbus_wire::{Instant, Micros, Settings};
+use railbus_wire::{Instant, Micros, SerialSettings};
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
@@ -18,7 +18,7 @@ pub struct LineStatus {
     /// Where it is plugged in.
     pub port: String,
     /// Its speed and character format, unless a module says otherwise.
-    pub serial: Settings,
+    pub serial: SerialSettings,
     /// How its port is.
     pub state: LineState,
     /// Something on it never stops sending.

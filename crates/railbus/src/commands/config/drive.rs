@@ -14,7 +14,7 @@ use railbus_app::settings::target::Target;
 use railbus_commission::{Procedure, Progress, Question};
 use railbus_host::{EchoMode, LineName, PortError};
 use railbus_store::journal::JournalFile;
-use railbus_wire::Settings;
+use railbus_wire::SerialSettings;
 use railbus_words::Code;
 use std::io::{BufRead, IsTerminal, Write};
 
@@ -46,7 +46,7 @@ impl<'c> Driver<'c> {
         context: &'c Context,
         line: &str,
         port: &LineName,
-        settings: Settings,
+        settings: SerialSettings,
         store: Option<JournalFile>,
     ) -> Result<Driver<'c>, Failure> {
         let at = At {
@@ -83,7 +83,7 @@ impl<'c> Driver<'c> {
     }
 
     /// Whether the port can follow a module from these settings to those.
-    pub(super) fn follows(&self, from: Settings, to: Settings) -> bool {
+    pub(super) fn follows(&self, from: SerialSettings, to: SerialSettings) -> bool {
         self.talk.follows(from, to)
     }
 

@@ -19,7 +19,7 @@ use railbus_commission::settings::{Key, Wanted, Wrong, range};
 use railbus_commission::{
     Calibrated, ChangeOrigin, Ended, Job, calibrate as calibration, restore_factory,
 };
-use railbus_wire::Settings;
+use railbus_wire::SerialSettings;
 use railbus_words::Code;
 use railbus_words::Lang;
 use serde_json::json;
@@ -177,7 +177,7 @@ pub(super) fn factory(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         let number = driver.journal.next_change();
         let before =
             railbus_commission::Kept::at(railbus_commission::BusAddress::of(&target.setup));
-        set::follows_port(&context, &target, &driver, Settings::FACTORY)?;
+        set::follows_port(&context, &target, &driver, SerialSettings::FACTORY)?;
         let end = driver
             .run(restore_factory(Job {
                 change: number,

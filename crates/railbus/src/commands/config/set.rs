@@ -20,7 +20,7 @@ use railbus_commission::settings::{Key, Wanted, differences, key};
 use railbus_commission::{
     ChangeOrigin, Ended, Found, Job, Kept, ProcedureError, WriteStep, change, read,
 };
-use railbus_wire::Settings;
+use railbus_wire::SerialSettings;
 use railbus_words::Code;
 use railbus_words::Lang;
 use serde_json::{Value, json};
@@ -294,7 +294,7 @@ pub(super) fn follows_port(
     context: &Context,
     target: &Target,
     driver: &Driver<'_>,
-    to: Settings,
+    to: SerialSettings,
 ) -> Result<(), Failure> {
     if driver.follows(target.setup.serial, to) {
         return Ok(());

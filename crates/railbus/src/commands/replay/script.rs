@@ -4,7 +4,7 @@ use crate::commands::Context;
 use crate::commands::sniff::{Capture, ListenedLine, Received};
 use railbus_app::failure::Failure;
 use railbus_sniff::{Frame, FrameRole, Heard, Input, Output, Reading};
-use railbus_wire::{Exchange, Instant, Micros, Protocol, Settings};
+use railbus_wire::{Exchange, Instant, Micros, Protocol, SerialSettings};
 use railbus_words::Code;
 use railbus_words::Lang;
 use std::path::Path;
@@ -43,7 +43,7 @@ impl Played {
 /// The exchanges of the first line of a file.
 #[derive(Debug)]
 pub(super) struct Script {
-    pub(super) settings: Settings,
+    pub(super) settings: SerialSettings,
     pub(super) played: Vec<Played>,
     last: Instant,
 }

@@ -8,7 +8,7 @@ use railbus_app::failure::Failure;
 use railbus_commission::scan::{
     FoundModule, ProbeKind, ScanOptions, ScanPosition, ScanProbe, Scanner, Scope,
 };
-use railbus_wire::{Address, Baud, Character, Micros, Settings};
+use railbus_wire::{Address, Baud, Character, Micros, SerialSettings};
 use railbus_words::Code;
 use railbus_words::hex;
 use serde_json::{Value, json};
@@ -160,7 +160,7 @@ fn question(kept: &Value) -> Option<ScanProbe> {
     let format = kept["format"].as_str()?;
     let baud = u32::try_from(kept["baud"].as_u64()?).ok()?;
     Some(ScanProbe {
-        settings: Settings {
+        settings: SerialSettings {
             baud: Baud::from_rate(baud)?,
             character: Character::from_name(format)?,
         },
@@ -206,7 +206,7 @@ mod tests {
     #[test]
     fn what_was_found_is_kept_whole() {
         let asked = ScanProbe {
-            settings: Settings::FACTORY,
+            settings: SerialSettings::FACTORY,
             ask: ProbeKind::AsciiName(true),
             address: Address(7),
         };
@@ -229,7 +229,7 @@ mod tests {
     #[test]
     fn how_far_it_is_and_that_modules_are_slow_is_kept() {
         let asked = ScanProbe {
-            settings: Settings::FACTORY,
+            settings: SerialSettings::FACTORY,
             ask: ProbeKind::Coils0,
             address: Address(7),
         };

@@ -9,7 +9,7 @@ use railbus_app::frames::words;
 use railbus_app::render::records;
 use railbus_host::LineName;
 use railbus_sniff::{FrameVerdict, Heard, Input, Listener, Output};
-use railbus_wire::{Baud, Character, Instant, Micros, Protocol, Settings};
+use railbus_wire::{Baud, Character, Instant, Micros, Protocol, SerialSettings};
 use railbus_words::Code;
 use serde_json::json;
 
@@ -38,7 +38,7 @@ const SURE: u64 = 5;
 /// What was received with one baud rate and format.
 #[derive(Clone, Copy, Debug)]
 struct Round {
-    settings: Settings,
+    settings: SerialSettings,
     /// Bytes received, and how many of them were in valid frames.
     heard: u64,
     good: u64,
@@ -60,7 +60,7 @@ pub(super) async fn find(
     context: &Context,
     place: &Place,
     stop: &mut stop::Stop,
-) -> Result<Settings, Failure> {
+) -> Result<SerialSettings, Failure> {
     let clock = Clock::new();
     let start = clock.now();
     let mut rounds = Vec::new();
@@ -129,7 +129,7 @@ async fn listen(
     clock: Clock,
     stop: &mut stop::Stop,
 ) -> Result<Round, Failure> {
-    let settings = Settings { baud, character };
+    let settings = SerialSettings { baud, character };
     let place = Place {
         settings,
         ..place.clone()

@@ -5,7 +5,7 @@ use railbus_app::failure::Failure;
 use railbus_app::frames::packet::packet;
 use railbus_sniff::Heard;
 use railbus_sniff::capture;
-use railbus_wire::Settings;
+use railbus_wire::SerialSettings;
 use railbus_words::Code;
 use std::fs::OpenOptions;
 use std::io::Write;
@@ -53,7 +53,7 @@ impl Recorder {
         &mut self,
         context: &Context,
         name: &str,
-        settings: Settings,
+        settings: SerialSettings,
     ) -> Result<u32, Failure> {
         self.put(context, &capture::interface(name, &settings.to_string()))?;
         self.lines += 1;

@@ -6,7 +6,7 @@ use railbus_app::frames::words;
 use railbus_app::frames::{Facts, addressee, as_json, at, timestamp};
 use railbus_app::render::{Format, records};
 use railbus_sniff::{FrameRole, FrameVerdict, Heard, Reading};
-use railbus_wire::{Instant, Micros, Settings};
+use railbus_wire::{Instant, Micros, SerialSettings};
 use railbus_words::Lang;
 use railbus_words::{hex, time, width};
 
@@ -116,7 +116,7 @@ pub(in crate::commands) struct Sums {
 }
 
 impl Sums {
-    pub(in crate::commands) fn add(&mut self, heard: &Heard, settings: Settings) {
+    pub(in crate::commands) fn add(&mut self, heard: &Heard, settings: SerialSettings) {
         match heard {
             Heard::Missing(_) => self.missing += 1,
             Heard::Frame(frame) => {

@@ -8,7 +8,7 @@ use railbus_api::types::{FrameEvent, LineInfo};
 use railbus_app::failure::Failure;
 use railbus_host::{AnyPort, LineName, Port, PortError, SerialOptions};
 use railbus_sniff::capture::{Damage, Direction, LINK_TYPE, ReadStep, Reader};
-use railbus_wire::{Baud, Character, Instant, Settings};
+use railbus_wire::{Baud, Character, Instant, SerialSettings};
 use railbus_words::Code;
 use railbus_words::hex;
 use std::fs::File;
@@ -165,7 +165,7 @@ pub(in crate::commands) fn received(event: FrameEvent) -> Option<Received> {
             bytes: text,
         } => {
             let bytes = bytes(&text)?;
-            let settings = settings(&format!("{baud} {format}")).unwrap_or(Settings::FACTORY);
+            let settings = settings(&format!("{baud} {format}")).unwrap_or(SerialSettings::FACTORY);
             let end = Instant(at_us) + settings.frame_time(bytes.len());
             Some(Received::Sent(end, bytes))
         }
@@ -176,14 +176,14 @@ pub(in crate::commands) fn received(event: FrameEvent) -> Option<Received> {
 #[derive(Clone, Debug)]
 pub(in crate::commands) struct Wire {
     pub(in crate::commands) name: String,
-    pub(in crate::commands) settings: Settings,
+    pub(in crate::commands) settings: SerialSettings,
 }
 
 impl Wire {
     pub(in crate::commands) fn of(line: LineInfo) -> Wire {
         let settings = settings(&format!("{} {}", line.baud, line.format));
         Wire {
-            settings: settings.unwrap_or(Settings::FACTORY),
+            settings: settings.unwrap_or(SerialSettings::FACTORY),
             name: line.line,
         }
     }
@@ -229,7 +229,7 @@ impl Capture {
             name: name
                 .filter(|name| !name.is_empty())
                 .unwrap_or_else(|| number.to_string()),
-            settings: settings.unwrap_or(Settings::FACTORY),
+            settings: settings.unwrap_or(SerialSettings::FACTORY),
         }
     }
 
@@ -305,9 +305,9 @@ const fn reason(why: Damage) -> SniffText {
 }
 
 /// Parses `9600 8N1`, as in our own files.
-fn settings(text: &str) -> Option<Settings> {
+fn settings(text: &str) -> Option<SerialSettings> {
     let (baud, format) = text.split_once(' ')?;
-    Some(Settings {
+    Some(SerialSettings {
         baud: Baud::from_rate(baud.parse().ok()?)?,
         character: Character::from_name(format)?,
     })
