@@ -6,7 +6,7 @@ use railbus_bus::{
     Bus, Config, Confirmation, EchoMode, Event, Evidence, Fault, Input, ModuleId, Plan, Presence,
     Probe, Terms,
 };
-use railbus_device::{Bank, Change, Family, Module, Op, Refusal, Setup};
+use railbus_device::{Bank, Family, Module, Op, Refusal, SettingWrite, Setup};
 use railbus_wire::{
     Address, Channel, Exchange, Instant, Malformed, Micros, Protocol, PulseWidth, SerialSettings,
     ascii, crc16, r55::U24,
@@ -273,7 +273,7 @@ fn a_change_of_settings_waits_for_earlier_commands() {
     let mut line = Line::new(EchoMode::Off, &[Setup::new(Family::Erc8, Address(1))]);
     let first = Channel::new(0).expect("it exists");
     line.submit(Op::Write(Bank::one(first, true)));
-    line.submit(Op::Configure(Change::Address(Address(2))));
+    line.submit(Op::Configure(SettingWrite::Address(Address(2))));
     // The write's reply is lost, the relay reads off, so it is repeated after its ghost.
     line.run(millis(2000), |frame| (frame[1] == 1).then(|| all_off(1)));
     let codes: Vec<u8> = line.frames.iter().map(|frame| frame[1]).collect();
@@ -416,7 +416,7 @@ fn a_slow_reply_is_forgotten_with_the_second_thousand_of_quick_ones() {
     let mut line = Line::new(EchoMode::Off, &[eda()]);
     let frame_time = |bytes| SerialSettings::FACTORY.frame_time(bytes);
     // 11 characters out, 8 back, to a command that is not sent twice.
-    let set_pulse = Op::Configure(Change::Pulse {
+    let set_pulse = Op::Configure(SettingWrite::Pulse {
         mask: 0,
         width: PulseWidth::DEFAULT,
     });

@@ -649,7 +649,7 @@ fn the_reply_timeout_is_learned_within_its_bounds() {
         let asked = bench.now();
         bench.submit(
             0,
-            Op::Configure(railbus_device::Change::Pulse {
+            Op::Configure(railbus_device::SettingWrite::Pulse {
                 mask: 0,
                 width: railbus_wire::PulseWidth::DEFAULT,
             }),

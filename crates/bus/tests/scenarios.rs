@@ -29,7 +29,7 @@ use railbus_bus::{
     Presence, Probe, Terms,
 };
 use railbus_device::{
-    Bank, Change, Eeprom, Engine, Family, Layout, Module, Observation, Op, Options, Setup,
+    Bank, Eeprom, Engine, Family, Layout, Module, Observation, Op, Options, SettingWrite, Setup,
 };
 use railbus_wire::{
     Address, Baud, Channel, Character, Frame, Instant, Micros, Protocol, PulseWidth, crc16,
@@ -591,7 +591,7 @@ fn op(words: &[&str]) -> Op {
             close: true,
             millis: u24(2),
         },
-        "set-pulse" => Op::Configure(Change::Pulse {
+        "set-pulse" => Op::Configure(SettingWrite::Pulse {
             mask: mask(words[1]) as u8,
             width: PulseWidth::from_tenths(number(2) as u8).expect("a width"),
         }),

@@ -9,7 +9,7 @@ use super::{
     Ended, Job, JournalRecord, NotWritable, Procedure, ProcedureError, Progress, Question,
     RecordState, Spot, vacant,
 };
-use railbus_device::{Change, Module, Observation, Op, Refusal, Setup};
+use railbus_device::{Module, Observation, Op, Refusal, SettingWrite, Setup};
 use railbus_wire::{Frame, Micros};
 
 /// How long a calibration may take [EMD-2A2Q §5.5].
@@ -67,7 +67,7 @@ pub fn calibrate(job: Job, voltage: u16) -> Procedure<Result<Calibrated, Procedu
             found,
             step: 0,
         };
-        match step.carry(Change::CalibrateZero).await? {
+        match step.carry(SettingWrite::CalibrateZero).await? {
             Ok(now) => done.zero = now.analogs,
             Err(why) => {
                 return Ok(Calibrated {
@@ -99,7 +99,7 @@ pub fn calibrate(job: Job, voltage: u16) -> Procedure<Result<Calibrated, Procedu
                 }
             }
         }
-        match step.carry(Change::CalibrateSpan).await? {
+        match step.carry(SettingWrite::CalibrateSpan).await? {
             Ok(now) => done.span = now.analogs,
             Err(why) => done.hindered = Some(why),
         }
@@ -115,14 +115,14 @@ pub fn restore_factory(job: Job) -> Procedure<Result<Ended, ProcedureError>> {
         let place = BusAddress::of(&job.setup);
         let found = first_calibrated(&desk, &job, place).await?;
         let before = found.kept();
-        let after = applied(&job.setup, Change::Restore, before);
+        let after = applied(&job.setup, SettingWrite::Restore, before);
         let to = BusAddress::of(&Setup::factory(job.setup.family));
         if to != place {
             let serials = [to.serial];
             vacant::check(&desk, &job.setup, to.address, &serials, &job.neighbours).await?;
         }
         let stage = WriteStep {
-            change: Change::Restore,
+            change: SettingWrite::Restore,
             before,
             from: place,
             after,
@@ -155,7 +155,10 @@ struct Steps<'d> {
 
 impl Steps<'_> {
     /// Writes one command bit, and waits until it is 0 again [EMD-2A2Q §5.1, §5.7].
-    async fn carry(&mut self, change: Change) -> Result<Result<Found, Hindrance>, ProcedureError> {
+    async fn carry(
+        &mut self,
+        change: SettingWrite,
+    ) -> Result<Result<Found, Hindrance>, ProcedureError> {
         self.step += 1;
         let here = self.found.place.setup(&self.job.setup);
         let module = Module::new(here).map_err(NotWritable::Setup)?;
@@ -207,7 +210,7 @@ impl Steps<'_> {
         Ok(find(self.desk, &self.job.setup, &places, 3).await?.0)
     }
 
-    fn record(&self, module: &Module, change: Change) -> JournalRecord {
+    fn record(&self, module: &Module, change: SettingWrite) -> JournalRecord {
         let mut frame = Frame::new();
         if let Ok(exchange) = module.exchange(&Op::Configure(change)) {
             exchange.encode(&mut frame);

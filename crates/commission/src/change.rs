@@ -9,7 +9,7 @@ use super::{
     Spot, vacant,
 };
 use crate::settings::{Wanted, differences};
-use railbus_device::{Change, Module, Observation, Op, Refusal, Setup};
+use railbus_device::{Module, Observation, Op, Refusal, SettingWrite, Setup};
 use railbus_wire::{Frame, Micros, Protocol, SerialSettings};
 
 /// Pause after a write [EDA §1.7].
@@ -386,11 +386,11 @@ impl Writer<'_> {
 }
 
 /// What a write changes that no read shows.
-pub(crate) fn untold(change: Change) -> Option<(String, [String; 2])> {
+pub(crate) fn untold(change: SettingWrite) -> Option<(String, [String; 2])> {
     let (name, new) = match change {
-        Change::CalibrateZero => ("zero", "calibrated"),
-        Change::CalibrateSpan => ("span", "calibrated"),
-        Change::Restore => ("calibration", "factory"),
+        SettingWrite::CalibrateZero => ("zero", "calibrated"),
+        SettingWrite::CalibrateSpan => ("span", "calibrated"),
+        SettingWrite::Restore => ("calibration", "factory"),
         _ => return None,
     };
     Some((name.to_owned(), ["?".to_owned(), new.to_owned()]))

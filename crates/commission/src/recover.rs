@@ -7,7 +7,7 @@ use super::sight::{Look, find, look};
 use super::stages::WriteStep;
 use super::{ChangeOrigin, JournalRecord, Procedure, ProcedureError, Progress, RecordState, Sight};
 use crate::settings::Wanted;
-use railbus_device::{Change, Setup};
+use railbus_device::{SettingWrite, Setup};
 use railbus_wire::{Address, Protocol, SerialSettings};
 
 /// Where a module is looked for.
@@ -97,7 +97,7 @@ pub fn look_up(search: Search) -> Procedure<Result<(Option<Found>, bool), Proced
 fn stage_of(intent: &JournalRecord, setup: &Setup, from: BusAddress, to: BusAddress) -> WriteStep {
     let mut stage = WriteStep {
         // Which write it was does not matter for finding the module.
-        change: Change::Address(to.address),
+        change: SettingWrite::Address(to.address),
         before: Kept::at(from),
         from,
         after: Kept::at(to),

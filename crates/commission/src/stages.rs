@@ -2,14 +2,14 @@
 //! at its place, then its address, then its speed, then its parity.
 
 use super::{BusAddress, Kept};
-use railbus_device::{Change, Module, Op, Setup, SetupError};
+use railbus_device::{Module, Op, SettingWrite, Setup, SetupError};
 use railbus_wire::Protocol;
 
 /// One write, and where the module answers before and after it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WriteStep {
     /// The write itself.
-    pub change: Change,
+    pub change: SettingWrite,
     /// The module's settings before it, and where they apply.
     pub before: Kept,
     /// Where it is before.
@@ -52,13 +52,13 @@ pub fn stages(
     there.check().map_err(NotWritable::Setup)?;
     let mut changes = Vec::new();
     if let (Some(pulse), true) = (wanted.pulse, wanted.pulse != known.pulse) {
-        changes.push(Change::Pulse {
+        changes.push(SettingWrite::Pulse {
             mask: pulse.mask,
             width: pulse.width,
         });
     }
     if let (Some(voltage), true) = (wanted.voltage, wanted.voltage != known.voltage) {
-        changes.push(Change::CalibrationVoltage(voltage));
+        changes.push(SettingWrite::CalibrationVoltage(voltage));
     }
     changes.extend(serial(setup, place, target));
     let mut stages: Vec<WriteStep> = Vec::new();
@@ -90,20 +90,20 @@ pub fn stages(
 }
 
 /// The writes that move a module from one place to another.
-fn serial(setup: &Setup, place: BusAddress, target: BusAddress) -> Vec<Change> {
+fn serial(setup: &Setup, place: BusAddress, target: BusAddress) -> Vec<SettingWrite> {
     if place == target {
         return Vec::new();
     }
     if setup.family.datasheet().serial_as_one {
-        return vec![Change::Serial {
+        return vec![SettingWrite::Serial {
             address: target.address,
             baud: target.serial.baud,
             checksum: target.checksum,
         }];
     }
-    let address = Change::Address(target.address);
-    let baud = Change::Baud(target.serial.baud);
-    let character = Change::Character(target.serial.character);
+    let address = SettingWrite::Address(target.address);
+    let baud = SettingWrite::Baud(target.serial.baud);
+    let character = SettingWrite::Character(target.serial.character);
     let wanted = [
         (target.address != place.address).then_some(address),
         (target.serial.baud != place.serial.baud).then_some(baud),
@@ -113,10 +113,10 @@ fn serial(setup: &Setup, place: BusAddress, target: BusAddress) -> Vec<Change> {
 }
 
 /// The settings of a module after a change.
-pub(crate) fn applied(setup: &Setup, change: Change, before: Kept) -> Kept {
+pub(crate) fn applied(setup: &Setup, change: SettingWrite, before: Kept) -> Kept {
     let mut after = before;
     match change {
-        Change::Serial {
+        SettingWrite::Serial {
             address,
             baud,
             checksum,
@@ -125,13 +125,15 @@ pub(crate) fn applied(setup: &Setup, change: Change, before: Kept) -> Kept {
             after.baud = Some(baud);
             after.checksum = Some(checksum);
         }
-        Change::Address(address) => after.address = Some(address),
-        Change::Baud(baud) => after.baud = Some(baud),
-        Change::Character(character) => after.character = Some(character),
-        Change::Pulse { mask, width } => after.pulse = Some(super::PulseSetup { mask, width }),
-        Change::CalibrationVoltage(voltage) => after.voltage = Some(voltage),
-        Change::CalibrateZero | Change::CalibrateSpan => {}
-        Change::Restore => {
+        SettingWrite::Address(address) => after.address = Some(address),
+        SettingWrite::Baud(baud) => after.baud = Some(baud),
+        SettingWrite::Character(character) => after.character = Some(character),
+        SettingWrite::Pulse { mask, width } => {
+            after.pulse = Some(super::PulseSetup { mask, width })
+        }
+        SettingWrite::CalibrationVoltage(voltage) => after.voltage = Some(voltage),
+        SettingWrite::CalibrateZero | SettingWrite::CalibrateSpan => {}
+        SettingWrite::Restore => {
             after = Kept {
                 voltage: setup.family.datasheet().factory.voltage,
                 ..Kept::at(BusAddress::of(&Setup::factory(setup.family)))
@@ -179,11 +181,11 @@ mod tests {
             ..wanted()
         };
         let stages = stages(&setup, place, &Kept::at(place), &wanted).unwrap();
-        let changes: Vec<Change> = stages.iter().map(|stage| stage.change).collect();
+        let changes: Vec<SettingWrite> = stages.iter().map(|stage| stage.change).collect();
         let all = [
-            Change::Address(Address(9)),
-            Change::Baud(Baud::B19200),
-            Change::Character(Character::E1),
+            SettingWrite::Address(Address(9)),
+            SettingWrite::Baud(Baud::B19200),
+            SettingWrite::Character(Character::E1),
         ];
         assert_eq!(changes, all);
         assert_eq!(stages[1].from.address, Address(9));

@@ -7,10 +7,10 @@ use crate::datasheet::{
     Access, Datasheet, Factory, Holds, Key, PerProtocol, PulseTiming, Recognition, Register,
     ScanEvidence, Separation, StoredSetting, Terminal, note, same,
 };
-use crate::engine::{Calibration, DeviceState, Eeprom};
+use crate::engine::{AnalogCalibration, DeviceState, Eeprom};
 use crate::modbus::{self, Answer, respond, run_in};
 use crate::sign::{ReadOutcome, Sign};
-use crate::{Bank, Change, Observation, Op, Profile, Setup};
+use crate::{Bank, Observation, Op, Profile, SettingWrite, Setup};
 use railbus_wire::rtu::{self, BitSpan, Exception, Function, Request, WordBlock, WordSpan};
 use railbus_wire::{
     Address, Baud, Character, Exchange, Frame, Instant, Micros, Protocol, Response, SerialSettings,
@@ -182,15 +182,15 @@ pub(crate) fn exchange(setup: &Setup, op: &Op) -> Option<Exchange<'static>> {
         Op::Identify => read(0, 1),
         Op::ReadConfig => read(ADDRESS, 3),
         Op::Write(bank) => return modbus::write_run(setup, FIRST_COIL, bank),
-        Op::Configure(Change::Address(new)) => register(ADDRESS, u16::from(new.0)),
-        Op::Configure(Change::Baud(baud)) => register(BAUD, PROFILE.baud_code(baud)?.into()),
-        Op::Configure(Change::Character(character)) => {
+        Op::Configure(SettingWrite::Address(new)) => register(ADDRESS, u16::from(new.0)),
+        Op::Configure(SettingWrite::Baud(baud)) => register(BAUD, PROFILE.baud_code(baud)?.into()),
+        Op::Configure(SettingWrite::Character(character)) => {
             register(CHARACTER, PROFILE.character_code(character)?.into())
         }
-        Op::Configure(Change::CalibrationVoltage(voltage)) => register(VOLTAGE, voltage),
-        Op::Configure(Change::CalibrateZero) => register(COMMAND, ZERO),
-        Op::Configure(Change::CalibrateSpan) => register(COMMAND, SPAN),
-        Op::Configure(Change::Restore) => register(COMMAND, RESTORE),
+        Op::Configure(SettingWrite::CalibrationVoltage(voltage)) => register(VOLTAGE, voltage),
+        Op::Configure(SettingWrite::CalibrateZero) => register(COMMAND, ZERO),
+        Op::Configure(SettingWrite::CalibrateSpan) => register(COMMAND, SPAN),
+        Op::Configure(SettingWrite::Restore) => register(COMMAND, RESTORE),
         _ => None,
     };
     Some(Exchange::rtu(setup.address, request?))
@@ -338,7 +338,7 @@ fn start(state: &mut DeviceState, now: Instant, command: u16, eeprom: Eeprom) {
         *state.keep() = Eeprom {
             address: Address(1),
             serial: SerialSettings::FACTORY,
-            calibration: Calibration::NEUTRAL,
+            calibration: AnalogCalibration::NEUTRAL,
             ..eeprom
         };
         return;

@@ -32,14 +32,14 @@ pub struct Eeprom {
     /// The width of all pulses (EDA9060A).
     pub pulse_width: PulseWidth,
     /// The calibration of the analog inputs (EMD-2A2Q).
-    pub calibration: Calibration,
+    pub calibration: AnalogCalibration,
     /// What it does beyond its datasheet.
     pub extensions: Extensions,
 }
 
 /// How an EMD-2A2Q converts measured into reported values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Calibration {
+pub struct AnalogCalibration {
     /// Register 4: the voltage applied for the span step, in hundredths.
     pub voltage: u16,
     /// What each input measured at the zero step, in hundredths.
@@ -49,9 +49,9 @@ pub struct Calibration {
     pub span: [(u16, u16); 2],
 }
 
-impl Calibration {
+impl AnalogCalibration {
     /// The factory state: 5.00 V, and readings as measured.
-    pub const NEUTRAL: Calibration = Calibration {
+    pub const NEUTRAL: AnalogCalibration = AnalogCalibration {
         voltage: 500,
         zero: [0; 2],
         span: [(500, 500); 2],
@@ -69,7 +69,7 @@ impl Eeprom {
             checksum: setup.checksum,
             pulse_mask: 0,
             pulse_width: PulseWidth::DEFAULT,
-            calibration: Calibration::NEUTRAL,
+            calibration: AnalogCalibration::NEUTRAL,
             extensions: Extensions::NEUTRAL,
         }
     }

@@ -10,7 +10,7 @@ use crate::datasheet::{
 use crate::engine::{DeviceState, Eeprom};
 use crate::modbus::{self, Answer, respond, run_in};
 use crate::sign::{ReadOutcome, Sign};
-use crate::{Bank, Change, Observation, Op, Profile, Setup};
+use crate::{Bank, Observation, Op, Profile, SettingWrite, Setup};
 use railbus_wire::rtu::{self, BitSpan, Exception, Function, Request, WordSpan};
 use railbus_wire::{
     Address, Baud, Character, Exchange, Frame, Micros, Protocol, Response, SerialSettings,
@@ -126,9 +126,9 @@ pub(crate) fn exchange(setup: &Setup, op: &Op) -> Option<Exchange<'static>> {
             ADDRESS, REGISTERS,
         )?)),
         Op::Write(bank) => return modbus::write_run(setup, FIRST_COIL, bank),
-        Op::Configure(Change::Address(new)) => register(ADDRESS, u16::from(new.0)),
-        Op::Configure(Change::Baud(baud)) => register(BAUD, PROFILE.baud_code(baud)?.into()),
-        Op::Configure(Change::Character(character)) => {
+        Op::Configure(SettingWrite::Address(new)) => register(ADDRESS, u16::from(new.0)),
+        Op::Configure(SettingWrite::Baud(baud)) => register(BAUD, PROFILE.baud_code(baud)?.into()),
+        Op::Configure(SettingWrite::Character(character)) => {
             register(CHARACTER, PROFILE.character_code(character)?.into())
         }
         _ => None,

@@ -15,7 +15,7 @@
 //!   only a host asks for, in its [`Datasheet`]. Nothing above this crate matches on a family.
 //! - The forms of that data: `family` ([`Profile`]) and `datasheet`. A further setting of a kind in
 //!   `datasheet::Key` is a line of the family's sheet and its half of the engine; a new kind is
-//!   also a [`Change`], a field of `railbus_nvm::Record` and a step of
+//!   also a [`SettingWrite`], a field of `railbus_nvm::Record` and a step of
 //!   `railbus_commission::stages`.
 //! - What a host wants of a module: `op`, `module`. How the module itself behaves: `engine`, which
 //!   is also the firmware: what only a simulation does is in `railbus_sim`. What our own firmware
@@ -51,10 +51,10 @@ pub use datasheet::{
     Access, Bilingual, Datasheet, Factory, Holds, Key, PerProtocol, PulseTiming, Recognition,
     Register, ScanEvidence, Separation, StoredSetting, Terminal,
 };
-pub use engine::{Applies, Calibration, Eeprom, Effect, Engine, Input, Options, Output};
+pub use engine::{AnalogCalibration, Applies, Eeprom, Effect, Engine, Input, Options, Output};
 pub use extensions::Extensions;
 pub use family::{Family, Layout, Point, PointKind, Profile, Setup, SetupError};
 pub use module::Module;
-pub use op::{Bank, Change, Observation, Op, Refusal, Unsupported};
+pub use op::{Bank, Observation, Op, Refusal, SettingWrite, Unsupported};
 pub use r55::board_address;
 pub use sign::{ReadOutcome, Sign};

@@ -80,12 +80,12 @@ pub enum Op {
     /// Write an internal variable.
     WriteVariable(u8, U24),
     /// Change a stored setting.
-    Configure(Change),
+    Configure(SettingWrite),
 }
 
 /// A change to the settings in a module's EEPROM.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Change {
+pub enum SettingWrite {
     /// Address, speed and checksum together, as EDA modules take them.
     Serial {
         /// The new address.

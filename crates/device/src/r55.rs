@@ -6,7 +6,7 @@ use crate::datasheet::{
 };
 use crate::engine::DeviceState;
 use crate::extensions;
-use crate::{Bank, Change, Family, Layout, Observation, Op, Profile, Setup};
+use crate::{Bank, Family, Layout, Observation, Op, Profile, SettingWrite, Setup};
 use railbus_wire::r55::{BROADCAST, Exchange, FRAME_LEN, Request, Response, U24};
 use railbus_wire::{
     Address, Baud, Channel, Character, Decoded, Frame, Instant, Malformed, Micros, Protocol, Reply,
@@ -115,7 +115,7 @@ pub(crate) fn exchange(setup: &Setup, op: &Op) -> Option<railbus_wire::Exchange<
         Op::WriteVariable(index, value) if index < setup.variables => {
             Request::WriteVariable(index, value)
         }
-        Op::Configure(Change::Address(new)) => Request::WriteAddress(new),
+        Op::Configure(SettingWrite::Address(new)) => Request::WriteAddress(new),
         _ => return None,
     };
     let exchange = Exchange::new(setup.address, request);

@@ -5,7 +5,7 @@ mod eda;
 mod support;
 
 use eda::{PROTOCOLS, converse_rtu, is_silent_to, read, setup};
-use railbus_device::{Bank, Change, Eeprom, Effect, Family, Input, Module, Op, Options};
+use railbus_device::{Bank, Eeprom, Effect, Family, Input, Module, Op, Options, SettingWrite};
 use railbus_device::{Observation, Setup};
 use railbus_wire::{Address, Baud, Channel, Micros, Protocol, PulseWidth};
 use support::{Bench, hex, lc02, request, sealed, seen, with_crc};
@@ -112,7 +112,7 @@ fn no_pulses() {
     let width = PulseWidth::DEFAULT;
     let ops = [
         Op::ReadPulse,
-        Op::Configure(Change::Pulse { mask: 1, width }),
+        Op::Configure(SettingWrite::Pulse { mask: 1, width }),
     ];
     for protocol in PROTOCOLS {
         assert!(ops.iter().all(|op| host(protocol).exchange(op).is_err()));
@@ -234,7 +234,7 @@ fn modbus_is_out_of_band() {
     // No command of the line reaches it: configuration leaves the protocol alone.
     for protocol in PROTOCOLS {
         let mut module = Bench::new(Setup { protocol, ..setup });
-        module.op(Op::Configure(Change::Serial {
+        module.op(Op::Configure(SettingWrite::Serial {
             address: Address(2),
             baud: Baud::B1200,
             checksum: false,

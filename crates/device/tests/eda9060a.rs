@@ -5,7 +5,7 @@ mod eda;
 mod support;
 
 use eda::{PROTOCOLS, converse, converse_rtu, is_silent_to, read, setup};
-use railbus_device::{Bank, Change, Eeprom, Effect, Family, Input, Module, Op, Options};
+use railbus_device::{Bank, Eeprom, Effect, Family, Input, Module, Op, Options, SettingWrite};
 use railbus_device::{Observation, Setup};
 use railbus_wire::{Address, Baud, Channel, Decoded, Instant, Malformed, Micros};
 use railbus_wire::{Protocol, PulseWidth, rtu};
@@ -28,7 +28,7 @@ fn pulsing(protocol: Protocol) -> Bench {
 
 fn pulse(mask: u8, tenths: u8) -> Op {
     let width = PulseWidth::from_tenths(tenths).expect("1 to 200");
-    Op::Configure(Change::Pulse { mask, width })
+    Op::Configure(SettingWrite::Pulse { mask, width })
 }
 
 /// Switches all relays.
@@ -193,7 +193,7 @@ fn one_protocol_at_a_time_is_kept() {
 #[test]
 fn nothing_changes_the_protocol() {
     let serial = |checksum| {
-        Op::Configure(Change::Serial {
+        Op::Configure(SettingWrite::Serial {
             address: Address(2),
             baud: Baud::B1200,
             checksum,
@@ -435,7 +435,7 @@ fn the_read_map() {
 fn host_has_two_maps() {
     let host = host(Protocol::Rtu);
     let frame = |op: &Op| request(&host, op).map(|frame| frame[..6].to_vec());
-    let serial = Op::Configure(Change::Serial {
+    let serial = Op::Configure(SettingWrite::Serial {
         address: Address(2),
         baud: Baud::B9600,
         checksum: false,

@@ -4,8 +4,8 @@
 mod support;
 
 use railbus_device::{
-    Bank, Calibration, Change, Eeprom, Effect, Family, Input, Module, Observation, Op, Options,
-    Setup,
+    AnalogCalibration, Bank, Eeprom, Effect, Family, Input, Module, Observation, Op, Options,
+    SettingWrite, Setup,
 };
 use railbus_wire::{Address, Baud, Channel, Character, Instant, Micros, SerialSettings};
 use support::{Bench, hex, request, seen, with_crc};
@@ -115,9 +115,9 @@ fn calibration_of_zero() {
     assert_eq!(register(&mut module, 5), 1);
     module.wait(1000);
     let kept = Eeprom {
-        calibration: Calibration {
+        calibration: AnalogCalibration {
             zero: [12, -7],
-            ..Calibration::NEUTRAL
+            ..AnalogCalibration::NEUTRAL
         },
         ..Eeprom::of(&module.setup)
     };
@@ -176,7 +176,7 @@ fn command_bits() {
 
 /// A module at 9, 19200 8E1, whose calibration is not the neutral one.
 fn configured() -> Bench {
-    let calibration = Calibration {
+    let calibration = AnalogCalibration {
         voltage: 1000,
         zero: [5, 6],
         span: [(900, 1000), (1100, 1000)],
@@ -308,14 +308,20 @@ fn the_host_asks() {
         (Op::Write(Bank::one(relay(0), true)), "01 05 0008 FF00"),
         (Op::Write(Bank::one(relay(1), false)), "01 05 0009 0000"),
         (Op::Write(Bank::new(3, 2)), "01 0F 0008 0002 01 02"),
-        (change(Change::Address(Address(9))), "01 06 0001 0009"),
-        (change(Change::Baud(Baud::B2400)), "01 06 0002 0000"),
-        (change(Change::Baud(Baud::B38400)), "01 06 0002 0004"),
-        (change(Change::Character(Character::O1)), "01 06 0003 0001"),
-        (change(Change::CalibrationVoltage(1000)), "01 06 0004 03E8"),
-        (change(Change::CalibrateZero), "01 06 0005 0001"),
-        (change(Change::CalibrateSpan), "01 06 0005 0002"),
-        (change(Change::Restore), "01 06 0005 0004"),
+        (change(SettingWrite::Address(Address(9))), "01 06 0001 0009"),
+        (change(SettingWrite::Baud(Baud::B2400)), "01 06 0002 0000"),
+        (change(SettingWrite::Baud(Baud::B38400)), "01 06 0002 0004"),
+        (
+            change(SettingWrite::Character(Character::O1)),
+            "01 06 0003 0001",
+        ),
+        (
+            change(SettingWrite::CalibrationVoltage(1000)),
+            "01 06 0004 03E8",
+        ),
+        (change(SettingWrite::CalibrateZero), "01 06 0005 0001"),
+        (change(SettingWrite::CalibrateSpan), "01 06 0005 0002"),
+        (change(SettingWrite::Restore), "01 06 0005 0004"),
     ];
     for (op, frame) in table {
         assert_eq!(request(&host(), &op), Some(with_crc(&hex(frame))), "{op:?}");
@@ -325,7 +331,7 @@ fn the_host_asks() {
         Op::Toggle(1),
         Op::WriteSilent(Bank::new(1, 1)),
         Op::Write(Bank::new(4, 4)),
-        change(Change::Baud(Baud::B1200)),
+        change(SettingWrite::Baud(Baud::B1200)),
     ] {
         assert_eq!(request(&host(), &op), None, "{op:?}");
     }
@@ -351,7 +357,7 @@ fn the_host_understands() {
         checksum: None,
     };
     assert_eq!(said(Op::ReadConfig, "01 03 06 0006 0000 0002"), config);
-    let zero = Op::Configure(Change::CalibrateZero);
+    let zero = Op::Configure(SettingWrite::CalibrateZero);
     assert_eq!(said(zero, "01 06 0005 0001"), Observation::Done);
     assert!(!host.repeatable(&zero));
     let read: Vec<Op> = host.full_poll().collect();

@@ -4,7 +4,7 @@
 
 mod support;
 
-use railbus_device::{Bank, Change, Family, Module, Observation, Op, Refusal, Setup};
+use railbus_device::{Bank, Family, Module, Observation, Op, Refusal, SettingWrite, Setup};
 use railbus_wire::rtu::Exception;
 use railbus_wire::{Address, Baud, Channel, Character};
 use support::{hex, request, seen, with_crc};
@@ -25,10 +25,13 @@ fn the_host_asks() {
         (Op::Write(Bank::one(relay(7), false)), "01 05 0043 0000"),
         (Op::Write(Bank::new(0xFF, 0xFF)), "01 0F 003C 0008 01 FF"),
         (Op::Write(Bank::new(0x1C, 0x14)), "01 0F 003E 0003 01 05"),
-        (change(Change::Address(Address(9))), "01 06 0000 0009"),
-        (change(Change::Baud(Baud::B4800)), "01 06 0001 0000"),
-        (change(Change::Baud(Baud::B38400)), "01 06 0001 0003"),
-        (change(Change::Character(Character::E1)), "01 06 0002 0002"),
+        (change(SettingWrite::Address(Address(9))), "01 06 0000 0009"),
+        (change(SettingWrite::Baud(Baud::B4800)), "01 06 0001 0000"),
+        (change(SettingWrite::Baud(Baud::B38400)), "01 06 0001 0003"),
+        (
+            change(SettingWrite::Character(Character::E1)),
+            "01 06 0002 0002",
+        ),
     ];
     for (op, frame) in table {
         assert_eq!(request(&host(), &op), Some(with_crc(&hex(frame))), "{op:?}");
@@ -42,9 +45,9 @@ fn the_host_asks() {
         Op::Write(Bank::new(0, 0)),
         Op::Write(Bank::new(0x05, 0x05)),
         Op::Write(Bank::new(0x100, 0)),
-        change(Change::Baud(Baud::B2400)),
-        change(Change::Character(Character::N2)),
-        change(Change::Restore),
+        change(SettingWrite::Baud(Baud::B2400)),
+        change(SettingWrite::Character(Character::N2)),
+        change(SettingWrite::Restore),
     ];
     for op in none {
         assert_eq!(request(&host(), &op), None, "{op:?}");
@@ -81,5 +84,5 @@ fn the_host_understands() {
     assert_eq!(said(on, "01 05 003C FF00"), Observation::Done);
     assert_eq!(host.read_back(&on), Some(Op::ReadOutputs));
     assert!(host.repeatable(&on));
-    assert!(!host.repeatable(&Op::Configure(Change::Address(Address(2)))));
+    assert!(!host.repeatable(&Op::Configure(SettingWrite::Address(Address(2)))));
 }

@@ -1,6 +1,6 @@
 //! Ops by themselves: banks of channels, and what no model has.
 
-use railbus_device::{Bank, Change, Family, Module, Op, Setup};
+use railbus_device::{Bank, Family, Module, Op, SettingWrite, Setup};
 use railbus_wire::{Address, Channel, r55::U24};
 
 /// States are known for the channels of the mask alone.
@@ -42,7 +42,7 @@ fn some_ops_only_read() {
         Op::Toggle(1),
         jog,
         Op::WriteVariable(0, millis),
-        Op::Configure(Change::Restore),
+        Op::Configure(SettingWrite::Restore),
     ];
     assert!(!writes.iter().any(Op::is_read));
 }

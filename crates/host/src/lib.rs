@@ -73,7 +73,7 @@ pub use railbus_bus::{
     ModuleId, PIECE_PAUSE, Plan, PortHistory, Presence, Probe, Probed, Terms,
 };
 pub use railbus_device::{
-    Bank, Change, Family, Module, Observation, Op, Point, PointKind, Refusal, Setup,
+    Bank, Family, Module, Observation, Op, Point, PointKind, Refusal, SettingWrite, Setup,
 };
 pub use railbus_wire::{
     Address, Baud, Channel, Character, Exchange, Instant, Micros, Protocol, SerialSettings,

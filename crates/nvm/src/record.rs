@@ -41,7 +41,7 @@
 
 use crate::bytes::{Reader, Writer};
 use core::fmt;
-use railbus_device::{Applies, Calibration, Eeprom, Extensions, Family, Layout, Options};
+use railbus_device::{AnalogCalibration, Applies, Eeprom, Extensions, Family, Layout, Options};
 use railbus_device::{Setup, SetupError};
 use railbus_wire::{Address, Baud, Character, Micros, Protocol, PulseWidth, SerialSettings};
 
@@ -372,8 +372,8 @@ fn decode_extensions(from: &mut Reader<'_>) -> Option<Extensions> {
     })
 }
 
-fn encode_calibration(calibration: &Calibration, bytes: &mut Writer<'_>) {
-    let Calibration {
+fn encode_calibration(calibration: &AnalogCalibration, bytes: &mut Writer<'_>) {
+    let AnalogCalibration {
         voltage,
         zero,
         span,
@@ -388,8 +388,8 @@ fn encode_calibration(calibration: &Calibration, bytes: &mut Writer<'_>) {
     }
 }
 
-fn decode_calibration(from: &mut Reader<'_>) -> Calibration {
-    Calibration {
+fn decode_calibration(from: &mut Reader<'_>) -> AnalogCalibration {
+    AnalogCalibration {
         voltage: from.u16(),
         zero: [from.i16(), from.i16()],
         span: [(from.u16(), from.u16()), (from.u16(), from.u16())],

@@ -4,7 +4,9 @@ mod support;
 
 use proptest::collection::vec;
 use proptest::prelude::*;
-use railbus_device::{Applies, Calibration, Eeprom, Engine, Extensions, Family, Input, Layout};
+use railbus_device::{
+    AnalogCalibration, Applies, Eeprom, Engine, Extensions, Family, Input, Layout,
+};
 use railbus_device::{Effect, Options, Output, Setup};
 use railbus_nvm::{Record, RecordError, Unreadable};
 use railbus_wire::{
@@ -45,7 +47,7 @@ fn full() -> Record {
         checksum: true,
         pulse_mask: 0x0A,
         pulse_width: PulseWidth::from_tenths(200).unwrap(),
-        calibration: Calibration {
+        calibration: AnalogCalibration {
             voltage: 0x1122,
             zero: [-2, 0x3344],
             span: [(0x5566, 0x7788), (0x99AA, 0xBBCC)],

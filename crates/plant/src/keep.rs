@@ -3,7 +3,7 @@
 use super::stage::Stage;
 use super::texts::SimText;
 use railbus_app::failure::Failure;
-use railbus_device::{Calibration, Eeprom, Extensions, Family, Setup};
+use railbus_device::{AnalogCalibration, Eeprom, Extensions, Family, Setup};
 use railbus_wire::{Address, Baud, Character, Protocol, PulseWidth, SerialSettings};
 use railbus_words::Code;
 use railbus_words::Lang;
@@ -107,7 +107,7 @@ impl Kept {
             checksum: self.checksum,
             pulse_mask: self.pulse_mask,
             pulse_width: PulseWidth::from_tenths(self.pulse_tenths)?,
-            calibration: Calibration {
+            calibration: AnalogCalibration {
                 voltage: self.voltage,
                 zero: self.zero,
                 span: self.span,
@@ -244,7 +244,7 @@ mod tests {
             let setup = Setup::new(family, Address(7));
             let eeprom = Eeprom {
                 pulse_mask: 5,
-                calibration: Calibration {
+                calibration: AnalogCalibration {
                     voltage: 432,
                     zero: [-3, 4],
                     span: [(490, 500), (510, 500)],

@@ -1,14 +1,17 @@
 //! The host side.
 
 use super::{PROTOCOL_CHECKSUM, has_pulses, read_map, write_map};
-use crate::{Bank, Change, Family, Observation, Op, Profile, Setup, modbus};
+use crate::{Bank, Family, Observation, Op, Profile, SettingWrite, Setup, modbus};
 use railbus_wire::rtu::{self, BitSpan, WordBlock, WordSpan};
 use railbus_wire::{Address, Channel, Exchange, Protocol, PulseWidth, Response, Words};
 use railbus_wire::{ascii, lc02};
 
 /// The single exchange for an op.
 pub(crate) fn exchange(setup: &Setup, op: &Op) -> Option<Exchange<'static>> {
-    let pulses = matches!(op, Op::ReadPulse | Op::Configure(Change::Pulse { .. }));
+    let pulses = matches!(
+        op,
+        Op::ReadPulse | Op::Configure(SettingWrite::Pulse { .. })
+    );
     if pulses && !has_pulses(setup.family) {
         return None;
     }
@@ -41,8 +44,10 @@ fn in_ascii(setup: &Setup, op: &Op) -> Option<ascii::Request> {
             };
             ascii::Request::WriteOutputs { order, data }
         }
-        Op::Configure(Change::Pulse { mask, width }) => ascii::Request::WritePulse { mask, width },
-        Op::Configure(Change::Serial {
+        Op::Configure(SettingWrite::Pulse { mask, width }) => {
+            ascii::Request::WritePulse { mask, width }
+        }
+        Op::Configure(SettingWrite::Serial {
             address,
             baud,
             checksum,
@@ -62,8 +67,10 @@ fn in_lc02(setup: &Setup, op: &Op) -> Option<lc02::Request> {
         Op::ReadPulse => lc02::Request::ReadPulse,
         Op::Identify | Op::ReadConfig | Op::Fence => lc02::Request::ReadConfig,
         Op::Write(bank) => lc02::Request::WriteOutputs(outputs(setup, bank)?),
-        Op::Configure(Change::Pulse { mask, width }) => lc02::Request::WritePulse { mask, width },
-        Op::Configure(Change::Serial {
+        Op::Configure(SettingWrite::Pulse { mask, width }) => {
+            lc02::Request::WritePulse { mask, width }
+        }
+        Op::Configure(SettingWrite::Serial {
             address,
             baud,
             checksum: false,
@@ -98,10 +105,10 @@ fn in_rtu(setup: &Setup, op: &Op) -> Option<rtu::Request<'static>> {
         Op::ReadPulse => registers(read_map::PULSE, 1),
         Op::Identify => registers(read_map::MODEL, read_map::LEN),
         Op::ReadConfig => registers(read_map::SERIAL, 3),
-        Op::Configure(Change::Pulse { mask, width }) => {
+        Op::Configure(SettingWrite::Pulse { mask, width }) => {
             write(write_map::PULSE, u16::from_be_bytes([mask, width.tenths()]))
         }
-        Op::Configure(Change::Serial {
+        Op::Configure(SettingWrite::Serial {
             address,
             baud,
             checksum: false,

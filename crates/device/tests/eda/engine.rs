@@ -342,9 +342,9 @@ fn what_no_frame_does() {
         Op::Toggle(1),
         Op::ReadAnalogs,
         Op::ReadVariable(0),
-        Op::Configure(Change::Address(Address(2))),
-        Op::Configure(Change::Baud(Baud::B1200)),
-        Op::Configure(Change::Restore),
+        Op::Configure(SettingWrite::Address(Address(2))),
+        Op::Configure(SettingWrite::Baud(Baud::B1200)),
+        Op::Configure(SettingWrite::Restore),
         Op::Write(Bank::new(0x100, 0x100)),
         serial(2, Baud::B38400, false),
     ];

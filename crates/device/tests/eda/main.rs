@@ -12,7 +12,7 @@ mod rtu;
 mod support;
 
 use eda::{PROTOCOLS, converse, host, is_silent_to, setup};
-use railbus_device::{Applies, Bank, Change, Eeprom, Effect, Family, Op, Options};
+use railbus_device::{Applies, Bank, Eeprom, Effect, Family, Op, Options, SettingWrite};
 use railbus_device::{Observation, Refusal, Setup, SetupError};
 use railbus_wire::{Address, Baud, Channel, Character, Decoded, Malformed, Micros, Protocol};
 use railbus_wire::{SerialSettings, crc16, lc02::envelope, rtu::Exception, sum8};
@@ -72,7 +72,7 @@ fn every_output(bench: &Bench) -> Op {
 }
 
 fn serial(address: u8, baud: Baud, checksum: bool) -> Op {
-    Op::Configure(Change::Serial {
+    Op::Configure(SettingWrite::Serial {
         address: Address(address),
         baud,
         checksum,

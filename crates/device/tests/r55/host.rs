@@ -61,7 +61,7 @@ fn the_host_asks() {
             "35 00000003",
         ),
         (
-            Op::Configure(Change::Address(Address(7))),
+            Op::Configure(SettingWrite::Address(Address(7))),
             "41 00000007",
             "41 00000007",
         ),
@@ -163,7 +163,11 @@ fn the_host_reads_back() {
             true,
             Some(Op::ReadVariable(0)),
         ),
-        (Op::Configure(Change::Address(Address(2))), false, None),
+        (
+            Op::Configure(SettingWrite::Address(Address(2))),
+            false,
+            None,
+        ),
         (Op::ReadOutputs, true, None),
     ];
     for (op, repeatable, read_back) in table {
@@ -176,7 +180,7 @@ fn the_host_reads_back() {
 #[test]
 fn the_host_takes_no_address_for_a_state() {
     let host = host(setup(Layout::Outputs, 8, 0));
-    let change = Op::Configure(Change::Address(Address(7)));
+    let change = Op::Configure(SettingWrite::Address(Address(7)));
     assert_eq!(seen(&host, &change, &reply(0x41, 7)), Observation::Done);
 }
 

@@ -10,8 +10,8 @@ mod host;
 mod settings;
 
 use railbus_device::{
-    Applies, Bank, Change, Eeprom, Effect, Family, Input, Layout, Module, Observation, Op, Options,
-    Setup, board_address,
+    Applies, Bank, Eeprom, Effect, Family, Input, Layout, Module, Observation, Op, Options,
+    SettingWrite, Setup, board_address,
 };
 use railbus_wire::r55::{self, U24};
 use railbus_wire::{Address, Channel, Exchange, Instant, Micros, Reply, SerialSettings, sum8};

@@ -10,7 +10,9 @@ pub mod chip;
 pub mod nor;
 
 use proptest::prelude::*;
-use railbus_device::{Applies, Calibration, Eeprom, Extensions, Family, Layout, Options, Setup};
+use railbus_device::{
+    AnalogCalibration, Applies, Eeprom, Extensions, Family, Layout, Options, Setup,
+};
 use railbus_nvm::Record;
 use railbus_wire::{Address, Micros, Protocol, PulseWidth, SerialSettings};
 
@@ -143,7 +145,7 @@ fn eeprom() -> impl Strategy<Value = Eeprom> {
                 checksum,
                 pulse_mask: pulses.0,
                 pulse_width: PulseWidth::from_tenths(pulses.1).expect("1 to 200"),
-                calibration: Calibration {
+                calibration: AnalogCalibration {
                     voltage,
                     zero,
                     span,
