@@ -1,7 +1,7 @@
 //! The settings that a module starts with, and where later ones are stored.
 
 use railbus_device::{Eeprom, Setup};
-use railbus_nvm::{Counters, Held, Keeper, Record, RecordError, Store};
+use railbus_nvm::{Counters, Held, Record, RecordError, SettingsStore, Store};
 use railbus_wire::Instant;
 
 /// Where the settings that a module started with came from.
@@ -36,7 +36,7 @@ impl Origin {
 /// The settings of a module, and where they are stored.
 #[derive(Debug)]
 pub struct Kept<S> {
-    keeper: Keeper<S>,
+    keeper: SettingsStore<S>,
     record: Record,
     origin: Origin,
 }
@@ -49,7 +49,7 @@ impl<S: Store> Kept<S> {
     // Frees the stack that reading needs before the module runs.
     #[inline(never)]
     pub fn load(store: S, factory: &Setup) -> Result<Kept<S>, RecordError> {
-        let mut keeper = Keeper::new(store);
+        let mut keeper = SettingsStore::new(store);
         let factory = Record::factory(factory)?;
         let family = factory.setup().family;
         let (record, origin) = match keeper.load() {

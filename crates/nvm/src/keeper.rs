@@ -84,7 +84,7 @@ impl Known {
 
 /// Saves the settings of one module.
 #[derive(Clone, Debug)]
-pub struct Keeper<S> {
+pub struct SettingsStore<S> {
     store: S,
     budget: Budget,
     /// The known content of the store.
@@ -96,10 +96,10 @@ pub struct Keeper<S> {
     counters: Counters,
 }
 
-impl<S> Keeper<S> {
+impl<S> SettingsStore<S> {
     /// A keeper for a module that is powered up now.
-    pub const fn new(store: S) -> Keeper<S> {
-        Keeper {
+    pub const fn new(store: S) -> SettingsStore<S> {
+        SettingsStore {
             store,
             budget: Budget::new(),
             held: None,
@@ -131,7 +131,7 @@ impl<S> Keeper<S> {
     }
 }
 
-impl<S: Store> Keeper<S> {
+impl<S: Store> SettingsStore<S> {
     /// Reads the store.
     ///
     /// # Errors
@@ -146,8 +146,8 @@ impl<S: Store> Keeper<S> {
         })
     }
 
-    /// Saves this record: at once if that is allowed, otherwise as soon as [`Keeper::poll`] is
-    /// called when it is. Replaces a record that was still waiting.
+    /// Saves this record: at once if that is allowed, otherwise as soon as [`SettingsStore::poll`]
+    /// is called when it is. Replaces a record that was still waiting.
     pub fn save(&mut self, now: Instant, record: &Record) {
         self.wanted = Some(record.encode());
         if self.poll(now).is_some() {

@@ -3,8 +3,8 @@
 //! A [`Record`] is everything that defines a module: its family, how it is built and behaves, and
 //! its settings. It is encoded ([`Record::encode`]) in a versioned layout. A [`Store`] holds such
 //! bytes so that a loss of power at any moment leaves either the old ones or the new ones:
-//! [`Slots`] in a byte EEPROM, [`Flash`] in NOR flash. A [`Keeper`] in front of either writes
-//! nothing that is already stored, and never so often that the chip wears out.
+//! [`Slots`] in a byte EEPROM, [`Flash`] in NOR flash. A [`SettingsStore`] in front of either
+//! writes nothing that is already stored, and never so often that the chip wears out.
 //!
 //! The image of a module in its factory state, for a programmer or an emulator:
 //!
@@ -41,7 +41,7 @@ mod slots;
 pub use budget::{BURST, PERIOD};
 pub use bytes::Bytes;
 pub use flash::{BadRange, Flash};
-pub use keeper::{Counters, Held, Keeper, RETRY, Store};
+pub use keeper::{Counters, Held, RETRY, SettingsStore, Store};
 pub use record::{Record, RecordError, Unreadable};
 pub use slot::{SLOT, slot_image};
 pub use slots::Slots;

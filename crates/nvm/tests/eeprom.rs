@@ -5,7 +5,7 @@ mod support;
 use proptest::collection::vec;
 use proptest::prelude::*;
 use railbus_device::Family;
-use railbus_nvm::{Bytes, Held, Keeper, Record, SLOT, Slots, Store, slot_image};
+use railbus_nvm::{Bytes, Held, Record, SLOT, SettingsStore, Slots, Store, slot_image};
 use railbus_wire::Instant;
 use support::chip::{Chip, Spoils};
 use support::{Rng, factory, history, record};
@@ -18,14 +18,14 @@ const SLOT_LEN: usize = Record::LEN + 9;
 
 fn load(chip: &Chip) -> Held {
     let chip = chip.clone().restored();
-    Keeper::new(Slots::new(chip))
+    SettingsStore::new(Slots::new(chip))
         .load()
         .expect("the power is back")
 }
 
 /// Saves a record and gives the chip back, as a loss of power or the end left it.
 fn save(chip: Chip, record: Record) -> Chip {
-    let mut keeper = Keeper::new(Slots::new(chip));
+    let mut keeper = SettingsStore::new(Slots::new(chip));
     keeper.save(Instant(0), &record);
     keeper.into_inner().into_inner()
 }

@@ -5,16 +5,16 @@ mod support;
 use proptest::collection::vec;
 use proptest::prelude::*;
 use railbus_device::Family;
-use railbus_nvm::{BadRange, Flash, Held, Keeper, Record};
+use railbus_nvm::{BadRange, Flash, Held, Record, SettingsStore};
 use railbus_wire::Instant;
 use support::nor::{Cut, Erasing, Nor, SECTOR};
 use support::{Rng, factory, history, record};
 
 const SECTORS: usize = 2;
 
-fn keeper(nor: Nor) -> Keeper<Flash<Nor>> {
+fn keeper(nor: Nor) -> SettingsStore<Flash<Nor>> {
     let range = 0..nor.bytes.len() as u32;
-    Keeper::new(Flash::new(nor, range).expect("two sectors"))
+    SettingsStore::new(Flash::new(nor, range).expect("two sectors"))
 }
 
 /// What is held, and the flash, which reading may have repaired.

@@ -4,7 +4,9 @@ mod support;
 
 use core::cell::Cell;
 use railbus_device::Family;
-use railbus_nvm::{BURST, Bytes, Counters, Held, Keeper, PERIOD, RETRY, Record, Slots, Store};
+use railbus_nvm::{
+    BURST, Bytes, Counters, Held, PERIOD, RETRY, Record, SettingsStore, Slots, Store,
+};
 use railbus_nvm::{SLOT, slot_image};
 use railbus_wire::{Instant, Micros};
 use std::rc::Rc;
@@ -48,7 +50,7 @@ fn at(address: u8) -> Record {
 fn hammer(every: Micros, how_long: Micros) -> (Tally, Counters, Record) {
     let tally = Tally::default();
     let clock = tally.clock.clone();
-    let mut keeper = Keeper::new(tally);
+    let mut keeper = SettingsStore::new(tally);
     let (mut now, mut record) = (Instant(0), at(1));
     while now < Instant(how_long.0) {
         clock.set(now);
@@ -68,7 +70,7 @@ fn hammer(every: Micros, how_long: Micros) -> (Tally, Counters, Record) {
 
 #[test]
 fn what_is_held_already_is_not_written() {
-    let mut keeper = Keeper::new(Slots::new(Chip::blank()));
+    let mut keeper = SettingsStore::new(Slots::new(Chip::blank()));
     keeper.save(Instant(0), &at(1));
     for second in 1..1_000 {
         keeper.save(Instant(second), &at(1));
@@ -82,14 +84,14 @@ fn what_is_held_already_is_not_written() {
 
 #[test]
 fn what_was_held_at_power_up_is_not_written() {
-    let mut keeper = Keeper::new(Slots::new(Chip::blank()));
+    let mut keeper = SettingsStore::new(Slots::new(Chip::blank()));
     keeper.save(Instant(0), &at(1));
     for loads in [false, true] {
         let chip = Chip {
             worn: vec![0; 16],
             ..keeper.into_inner().into_inner()
         };
-        keeper = Keeper::new(Slots::new(chip));
+        keeper = SettingsStore::new(Slots::new(chip));
         if loads {
             assert_eq!(keeper.load(), Ok(Held::Record(at(1))));
         }
@@ -149,7 +151,7 @@ fn a_year_of_it_stays_below_the_promised_writes() {
 
 #[test]
 fn what_had_to_wait_is_written_when_it_may() {
-    let mut keeper = Keeper::new(Slots::new(Chip::blank()));
+    let mut keeper = SettingsStore::new(Slots::new(Chip::blank()));
     let now = Instant(5_000);
     for number in 0..BURST {
         keeper.save(now, &at(1 + number as u8));
@@ -179,7 +181,7 @@ fn what_had_to_wait_is_written_when_it_may() {
 
 #[test]
 fn a_change_that_is_taken_back_is_not_written() {
-    let mut keeper = Keeper::new(Slots::new(Chip::blank()));
+    let mut keeper = SettingsStore::new(Slots::new(Chip::blank()));
     for number in 0..BURST {
         keeper.save(Instant(0), &at(1 + number as u8));
     }
@@ -202,7 +204,7 @@ fn a_newer_firmwares_settings_are_left_alone() {
     }
     let before = chip.bytes.clone();
     for loads in [false, true] {
-        let mut keeper = Keeper::new(Slots::new(chip.clone()));
+        let mut keeper = SettingsStore::new(Slots::new(chip.clone()));
         if loads {
             assert_eq!(keeper.load(), Ok(Held::Newer(2)), "not what was before it");
         }
@@ -217,7 +219,7 @@ fn a_newer_firmwares_settings_are_left_alone() {
 fn a_chip_that_does_not_answer_is_tried_again() {
     let mut chip = Chip::blank();
     chip.dead = true;
-    let mut keeper = Keeper::new(Slots::new(chip));
+    let mut keeper = SettingsStore::new(Slots::new(chip));
     assert_eq!(keeper.load(), Err(Dead));
     keeper.save(Instant(0), &at(1));
     assert!(keeper.is_waiting());
@@ -240,7 +242,7 @@ fn what_does_not_read_back_is_not_called_written() {
         stuck: true,
         ..Chip::blank()
     };
-    let mut keeper = Keeper::new(Slots::new(chip));
+    let mut keeper = SettingsStore::new(Slots::new(chip));
     keeper.save(Instant(0), &at(1));
     let mut now = Instant(0);
     while let Some(due) = keeper.poll(now).filter(|due| *due < Instant(0) + HOUR * 24) {
