@@ -5,7 +5,7 @@
 //! file is read in steps that lie within it; a recorded frame is read back unchanged.
 
 use railbus_sniff::capture::{self, Direction, ReadStep, Reader};
-use railbus_sniff::{Frame, Heard, Input, Listener, Output};
+use railbus_sniff::{Input, Listener, Output, SniffEvent, SniffedFrame};
 use railbus_wire::{Instant, Micros, SerialSettings};
 
 /// A line, in pieces whose lengths and pauses come from the bytes themselves.
@@ -32,7 +32,7 @@ pub fn listened(data: &[u8]) {
         drain(&mut listener, &mut told);
         rest = after;
         let given = data.len() - rest.len();
-        assert!(given - told.len() <= 2 * Frame::LEN_MAX);
+        assert!(given - told.len() <= 2 * SniffedFrame::LEN_MAX);
     }
     listener.handle(now, Input::Silence);
     drain(&mut listener, &mut told);
@@ -41,8 +41,8 @@ pub fn listened(data: &[u8]) {
 
 fn drain(listener: &mut Listener, told: &mut Vec<u8>) {
     while let Output::Heard(heard) = listener.poll() {
-        if let Heard::Frame(frame) = heard {
-            assert!(!frame.bytes.is_empty() && frame.bytes.len() <= Frame::LEN_MAX);
+        if let SniffEvent::Frame(frame) = heard {
+            assert!(!frame.bytes.is_empty() && frame.bytes.len() <= SniffedFrame::LEN_MAX);
             assert!(frame.end >= frame.at);
             told.extend(frame.bytes);
         }

@@ -20,7 +20,7 @@ use railbus_app::frames::packet::packet;
 use railbus_app::frames::{Facts, as_json};
 use railbus_host::Tap;
 use railbus_site::Service;
-use railbus_sniff::{Heard, capture};
+use railbus_sniff::{SniffEvent, capture};
 use railbus_wire::SerialSettings;
 use railbus_words::Lang;
 use std::convert::Infallible;
@@ -188,9 +188,9 @@ impl Recording {
         }
     }
 
-    fn pieces(&self, heard: &mut Vec<Heard>) -> Vec<Vec<u8>> {
+    fn pieces(&self, heard: &mut Vec<SniffEvent>) -> Vec<Vec<u8>> {
         let modules = modules(&self.service, &self.line);
-        let piece = |heard: Heard| match self.form {
+        let piece = |heard: SniffEvent| match self.form {
             Form::Pcapng => packet(self.lang, 0, &heard),
             Form::Ndjson => {
                 let facts = Facts::of(&heard, &modules);

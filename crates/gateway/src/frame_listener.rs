@@ -4,7 +4,7 @@ use railbus_app::api::ask;
 use railbus_app::frames::Named;
 use railbus_host::{PIECE_PAUSE, TapFrame};
 use railbus_site::Service;
-use railbus_sniff::{Heard, Input, Listener, Output};
+use railbus_sniff::{Input, Listener, Output, SniffEvent};
 use railbus_wire::{Instant, SerialSettings};
 use std::time::Duration;
 use tokio::time::sleep_until;
@@ -61,7 +61,7 @@ impl FrameListener {
     }
 
     /// Takes the frames found so far; returns the next deadline.
-    pub(super) fn hear(&mut self, heard: &mut Vec<Heard>) -> Option<Instant> {
+    pub(super) fn hear(&mut self, heard: &mut Vec<SniffEvent>) -> Option<Instant> {
         loop {
             match self.listener.poll() {
                 Output::Wait(due) => return due,
@@ -71,7 +71,7 @@ impl FrameListener {
     }
 
     /// Handles traffic, after every timeout that was due before it.
-    pub(super) fn take(&mut self, passed: &TapFrame, heard: &mut Vec<Heard>) {
+    pub(super) fn take(&mut self, passed: &TapFrame, heard: &mut Vec<SniffEvent>) {
         let at = Instant(self.start.saturating_add(passed.at.0));
         let time = self.settings.frame_time(passed.bytes.len());
         // Sent bytes are time-stamped when written to the port, received ones when they have ended.
@@ -115,7 +115,7 @@ mod tests {
         let verdicts: Vec<_> = heard
             .iter()
             .map(|heard| match heard {
-                Heard::Frame(frame) => Some(frame.verdict),
+                SniffEvent::Frame(frame) => Some(frame.verdict),
                 _ => None,
             })
             .collect();

@@ -8,7 +8,7 @@
 //! frames of all four protocols, one in four of them damaged; the other half nothing but noise.
 #![allow(clippy::print_stdout, reason = "that is what it is for")]
 
-use railbus_sniff::{Heard, Input, Listener, Output};
+use railbus_sniff::{Input, Listener, Output, SniffEvent};
 use railbus_wire::{Baud, Character, Instant, SerialSettings, crc16};
 use std::time;
 
@@ -33,7 +33,7 @@ fn main() {
             let to = (from + PIECE).min(bytes.len());
             listener.handle(now, Input::Bytes(&bytes[from..to]));
             while let Output::Heard(heard) = listener.poll() {
-                if let Heard::Frame(frame) = heard {
+                if let SniffEvent::Frame(frame) = heard {
                     frames += 1;
                     good += u64::from(!frame.readings.is_empty());
                 }

@@ -4,9 +4,9 @@ use railbus_wire::{Address, Decoded, Exchange, Instant, Micros, Protocol, ascii,
 
 /// An event of a listener.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Heard {
+pub enum SniffEvent {
     /// Bytes that belong together.
-    Frame(Frame),
+    Frame(SniffedFrame),
     /// A request without a reply.
     Missing(Missing),
 }
@@ -24,14 +24,14 @@ pub struct Missing {
 
 /// Bytes that belong together: a frame, or what is left between frames.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Frame {
+pub struct SniffedFrame {
     /// When its first byte began.
     pub at: Instant,
     /// When its last byte ended.
     pub end: Instant,
     /// The silence before it; none before the first one.
     pub gap: Option<Micros>,
-    /// Its bytes, at most [`Frame::LEN_MAX`].
+    /// Its bytes, at most [`SniffedFrame::LEN_MAX`].
     pub bytes: Vec<u8>,
     /// The possible readings, likeliest first; several if it is a valid frame of each. Empty if no
     /// protocol matches.
@@ -46,7 +46,7 @@ pub struct Frame {
     pub verdict: FrameVerdict,
 }
 
-impl Frame {
+impl SniffedFrame {
     /// The most bytes of one frame. Longer noise is cut into pieces.
     pub const LEN_MAX: usize = 512;
 }

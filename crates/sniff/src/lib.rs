@@ -6,13 +6,13 @@
 //! on a file.
 //!
 //! ```
-//! use railbus_sniff::{Heard, Input, Listener, Output};
+//! use railbus_sniff::{SniffEvent, Input, Listener, Output};
 //! use railbus_wire::{Instant, SerialSettings};
 //!
 //! let mut listener = Listener::new(SerialSettings::FACTORY);
 //! listener.handle(Instant(20_000), Input::Bytes(b"$016\r!030200\r"));
 //! let mut frames = Vec::new();
-//! while let Output::Heard(Heard::Frame(frame)) = listener.poll() {
+//! while let Output::Heard(SniffEvent::Frame(frame)) = listener.poll() {
 //!     frames.push(frame.bytes);
 //! }
 //! assert_eq!(frames, [b"$016\r".to_vec(), b"!030200\r".to_vec()]);
@@ -37,6 +37,6 @@ mod listener;
 mod look;
 mod replies;
 
-pub use frame::{Asked, Flaw, Frame, FrameRole, FrameVerdict, Heard, Missing, Reading};
+pub use frame::{Asked, Flaw, FrameRole, FrameVerdict, Missing, Reading, SniffEvent, SniffedFrame};
 pub use listener::{Input, Listener, Output, PATIENCE};
 pub use replies::replies;

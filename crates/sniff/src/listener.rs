@@ -4,7 +4,7 @@
 //! two frames may come as one piece. So frames are recognised by their content, at every position
 //! in turn; pauses only decide when to stop waiting for the rest of one.
 
-use crate::frame::{Asked, Frame, FrameRole, FrameVerdict, Heard, Missing, Reading};
+use crate::frame::{Asked, FrameRole, FrameVerdict, Missing, Reading, SniffEvent, SniffedFrame};
 use crate::judge::judge;
 use crate::look::{Find, Look, Trust, look};
 use railbus_wire::{Exchange, Instant, Micros, Protocol, REPLY_TIMEOUT, SerialSettings, r55};
@@ -40,7 +40,7 @@ pub enum Input<'a> {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Output {
     /// Something was heard.
-    Heard(Heard),
+    Heard(SniffEvent),
     /// Nothing now; [`Input::Timeout`] is due at this moment, or never.
     Wait(Option<Instant>),
 }
@@ -63,7 +63,7 @@ pub struct Listener {
     pending: Option<Pending>,
     /// A complete frame only waits for a longer reading to fail.
     settling: bool,
-    out: VecDeque<Heard>,
+    out: VecDeque<SniffEvent>,
 }
 
 /// Where in the buffer a piece begins, and when.
@@ -145,7 +145,7 @@ impl Listener {
                 self.find(Ended::Yes);
                 self.give_up(before(now, self.settings.frame_time(frame.len())));
                 self.pending = None;
-                self.push(now, frame.get(..Frame::LEN_MAX).unwrap_or(frame));
+                self.push(now, frame.get(..SniffedFrame::LEN_MAX).unwrap_or(frame));
                 self.find(Ended::Yes);
             }
             Input::Silence => self.find(Ended::Yes),
@@ -349,7 +349,7 @@ impl Listener {
         self.tried = self.tried.saturating_sub(len);
         self.forget_marks(len, end);
         let pending = self.pending.as_ref().filter(|_| answers);
-        let frame = Frame {
+        let frame = SniffedFrame {
             at,
             end,
             gap: self.told.map(|told| at.since(told)),
@@ -361,7 +361,7 @@ impl Listener {
             verdict,
         };
         self.told = Some(end);
-        self.out.push_back(Heard::Frame(frame));
+        self.out.push_back(SniffEvent::Frame(frame));
         end
     }
 
@@ -406,7 +406,7 @@ impl Listener {
         };
         pending.over = true;
         if !pending.spoiled {
-            self.out.push_back(Heard::Missing(Missing {
+            self.out.push_back(SniffEvent::Missing(Missing {
                 asked: pending.asked.clone(),
                 at,
                 after: at.since(pending.end),

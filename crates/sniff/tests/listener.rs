@@ -1,13 +1,15 @@
 //! What a listener reports of good and bad lines.
 
-use railbus_sniff::{Flaw, Frame, FrameRole, FrameVerdict, Heard, Input, Listener, Output};
+use railbus_sniff::{
+    Flaw, FrameRole, FrameVerdict, Input, Listener, Output, SniffEvent, SniffedFrame,
+};
 use railbus_wire::{Instant, Micros, Protocol, SerialSettings, crc16};
 
 /// A line being listened to, and its time.
 struct Ear {
     listener: Listener,
     now: Instant,
-    told: Vec<Heard>,
+    told: Vec<SniffEvent>,
 }
 
 impl Ear {
@@ -53,10 +55,10 @@ impl Ear {
         self.pass(Micros::from_millis(12));
     }
 
-    fn frames(&self) -> Vec<&Frame> {
+    fn frames(&self) -> Vec<&SniffedFrame> {
         let frames = self.told.iter().filter_map(|heard| match heard {
-            Heard::Frame(frame) => Some(frame),
-            Heard::Missing(_) => None,
+            SniffEvent::Frame(frame) => Some(frame),
+            SniffEvent::Missing(_) => None,
         });
         frames.collect()
     }
@@ -67,10 +69,10 @@ impl Ear {
     }
 }
 
-fn words(heard: &Heard) -> String {
+fn words(heard: &SniffEvent) -> String {
     match heard {
-        Heard::Missing(missing) => format!("{} missing", missing.asked.protocol()),
-        Heard::Frame(frame) => {
+        SniffEvent::Missing(missing) => format!("{} missing", missing.asked.protocol()),
+        SniffEvent::Frame(frame) => {
             let readings = frame.readings.iter().map(|reading| {
                 let role = match reading.role {
                     Some(FrameRole::Request) => "→",
@@ -395,7 +397,7 @@ fn no_byte_is_lost_or_told_twice_however_it_comes() {
         let mut last = Instant(0);
         for frame in ear.frames() {
             assert!(frame.at >= last && frame.end >= frame.at, "{frame:?}");
-            assert!(!frame.bytes.is_empty() && frame.bytes.len() <= Frame::LEN_MAX);
+            assert!(!frame.bytes.is_empty() && frame.bytes.len() <= SniffedFrame::LEN_MAX);
             last = frame.at;
         }
     }

@@ -2,7 +2,7 @@
 
 use railbus_api::types::ModuleInfo;
 use railbus_commission::Risk;
-use railbus_sniff::{Asked, FrameRole, FrameVerdict, Heard};
+use railbus_sniff::{Asked, FrameRole, FrameVerdict, SniffEvent};
 use railbus_wire::{Address, Exchange, Micros, Protocol};
 
 /// A module, by what identifies it on a line.
@@ -56,9 +56,9 @@ pub struct Facts<'a> {
 
 impl<'a> Facts<'a> {
     /// The properties, if these are the modules of the line.
-    pub fn of(heard: &Heard, modules: &'a [Named]) -> Facts<'a> {
+    pub fn of(heard: &SniffEvent, modules: &'a [Named]) -> Facts<'a> {
         let mut facts = match heard {
-            Heard::Missing(missing) => Facts {
+            SniffEvent::Missing(missing) => Facts {
                 protocols: vec![missing.asked.protocol()],
                 address: addressee(&missing.asked),
                 module: None,
@@ -69,7 +69,7 @@ impl<'a> Facts<'a> {
                 after: Some(missing.after),
                 gap: None,
             },
-            Heard::Frame(frame) => {
+            SniffEvent::Frame(frame) => {
                 let best = frame.readings.first();
                 let asked = match best {
                     Some(reading) if reading.role == Some(FrameRole::Request) => {

@@ -3,17 +3,17 @@
 use super::facts::Facts;
 use super::words;
 use jiff::Timestamp;
-use railbus_sniff::{FrameRole, Heard, Reading};
+use railbus_sniff::{FrameRole, Reading, SniffEvent};
 use railbus_wire::{Instant, Micros};
 use railbus_words::Lang;
 use railbus_words::{hex, time};
 use serde_json::{Value, json};
 
 /// When it was received.
-pub fn at(heard: &Heard) -> Instant {
+pub fn at(heard: &SniffEvent) -> Instant {
     match heard {
-        Heard::Frame(frame) => frame.at,
-        Heard::Missing(missing) => missing.at,
+        SniffEvent::Frame(frame) => frame.at,
+        SniffEvent::Missing(missing) => missing.at,
     }
 }
 
@@ -29,7 +29,7 @@ pub fn timestamp(at: Instant) -> Timestamp {
 }
 
 /// A frame or other event, for programs.
-pub fn as_json(lang: Lang, line: &str, heard: &Heard, facts: &Facts<'_>) -> Value {
+pub fn as_json(lang: Lang, line: &str, heard: &SniffEvent, facts: &Facts<'_>) -> Value {
     let millis = |time: Option<Micros>| time.map(|time| time.0 as f64 / 1_000.0);
     let mut json = json!({
         "event": "frame",
@@ -43,12 +43,12 @@ pub fn as_json(lang: Lang, line: &str, heard: &Heard, facts: &Facts<'_>) -> Valu
         "after_ms": millis(facts.after),
     });
     let rest = match heard {
-        Heard::Missing(missing) => json!({
+        SniffEvent::Missing(missing) => json!({
             "event": "no_reply",
             "verdict": "missing",
             "bytes": hex::spaced(missing.asked.bytes()),
         }),
-        Heard::Frame(frame) => json!({
+        SniffEvent::Frame(frame) => json!({
             "verdict": frame.verdict.name(),
             "bytes": hex::spaced(&frame.bytes),
             "gap_ms": millis(frame.gap),

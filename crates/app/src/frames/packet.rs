@@ -2,12 +2,12 @@
 
 use super::words;
 use railbus_sniff::capture::{self, Direction};
-use railbus_sniff::{Frame, FrameRole, FrameVerdict, Heard};
+use railbus_sniff::{FrameRole, FrameVerdict, SniffEvent, SniffedFrame};
 use railbus_words::Lang;
 
 /// A frame as stored in a capture file; `None` for events without bytes.
-pub fn packet(lang: Lang, line: u32, heard: &Heard) -> Option<Vec<u8>> {
-    let Heard::Frame(frame) = heard else {
+pub fn packet(lang: Lang, line: u32, heard: &SniffEvent) -> Option<Vec<u8>> {
+    let SniffEvent::Frame(frame) = heard else {
         return None;
     };
     let comment = format!("{}: {}", frame.verdict.name(), words::of(lang, heard));
@@ -22,7 +22,7 @@ pub fn packet(lang: Lang, line: u32, heard: &Heard) -> Option<Vec<u8>> {
 }
 
 /// The sender of a frame. For a broken one this is a guess, on which no reader should rely.
-fn direction(frame: &Frame) -> Option<Direction> {
+fn direction(frame: &SniffedFrame) -> Option<Direction> {
     if let FrameVerdict::Bad(_) = frame.verdict {
         return None;
     }

@@ -2,18 +2,18 @@
 
 use super::texts::FrameText;
 use super::{decodings, meaning};
-use railbus_sniff::{Asked, Flaw, Frame, FrameRole, FrameVerdict, Heard, Reading};
+use railbus_sniff::{Asked, Flaw, FrameRole, FrameVerdict, Reading, SniffEvent, SniffedFrame};
 use railbus_wire::{Micros, Protocol};
 use railbus_words::Lang;
 
 /// The meaning of a frame; if it can be decoded in several ways, each of them.
-pub fn of(lang: Lang, heard: &Heard) -> String {
+pub fn of(lang: Lang, heard: &SniffEvent) -> String {
     match heard {
-        Heard::Missing(missing) => {
+        SniffEvent::Missing(missing) => {
             let time = millis(missing.after);
             lang.fill(FrameText::NoReplyIn, &[("time", &time)])
         }
-        Heard::Frame(frame) => of_frame(lang, frame),
+        SniffEvent::Frame(frame) => of_frame(lang, frame),
     }
 }
 
@@ -22,7 +22,7 @@ pub fn millis(time: Micros) -> String {
     format!("{:.1}", time.0 as f64 / 1_000.0)
 }
 
-fn of_frame(lang: Lang, frame: &Frame) -> String {
+fn of_frame(lang: Lang, frame: &SniffedFrame) -> String {
     let Some((best, others)) = frame.readings.split_first() else {
         return lang.fill(FrameText::NoProtocol, &[("count", &frame.bytes.len())]);
     };
@@ -45,7 +45,7 @@ fn of_frame(lang: Lang, frame: &Frame) -> String {
 }
 
 /// The meaning of a valid frame in one of its readings.
-fn said(lang: Lang, frame: &Frame, reading: &Reading) -> String {
+fn said(lang: Lang, frame: &SniffedFrame, reading: &Reading) -> String {
     let bytes = frame.bytes.as_slice();
     if reading.role == Some(FrameRole::Request) {
         if let Some(asked) = reading.request(bytes) {
@@ -87,7 +87,7 @@ fn hex(bytes: Option<&[u8]>) -> String {
     railbus_words::hex::spaced(bytes.unwrap_or_default())
 }
 
-fn flawed(lang: Lang, frame: &Frame, reading: &Reading, flaw: Flaw) -> String {
+fn flawed(lang: Lang, frame: &SniffedFrame, reading: &Reading, flaw: Flaw) -> String {
     let count = frame.bytes.len();
     match flaw {
         Flaw::Checksum => match decodings::wrong_check(reading.protocol, &frame.bytes) {

@@ -20,7 +20,7 @@ pub(super) use railbus_app::frames::words::{millis, of as told};
 use railbus_app::frames::{Facts, Named};
 use railbus_app::render::{Format, out};
 use railbus_host::{LineName, PIECE_PAUSE};
-use railbus_sniff::{Heard, Input, Listener, Output};
+use railbus_sniff::{Input, Listener, Output, SniffEvent};
 use railbus_wire::{Instant, Micros, SerialSettings};
 use railbus_words::Code;
 use railbus_words::Lang;
@@ -376,7 +376,11 @@ impl<'a> Hearing<'a> {
         }
     }
 
-    fn show(&mut self, listened: &ListenedLine, heard: &Heard) -> Result<ControlFlow<()>, Failure> {
+    fn show(
+        &mut self,
+        listened: &ListenedLine,
+        heard: &SniffEvent,
+    ) -> Result<ControlFlow<()>, Failure> {
         let (lang, format) = (self.context.lang, self.context.format);
         self.sums.add(heard, listened.settings);
         if let Some(recorder) = &mut self.recorder {

@@ -7,7 +7,7 @@ use crate::backend::{Backend, Traffic};
 use railbus_app::failure::Failure;
 use railbus_app::frames::Facts;
 use railbus_app::render::{Format, out};
-use railbus_sniff::{FrameRole, FrameVerdict, Heard, Input, Output};
+use railbus_sniff::{FrameRole, FrameVerdict, Input, Output, SniffEvent};
 use railbus_wire::Instant;
 use railbus_words::Code;
 use railbus_words::Lang;
@@ -161,10 +161,10 @@ impl Tracer {
 }
 
 /// One line for a whole exchange: printed with its response, or when the timeout has passed.
-fn exchange(lang: Lang, line: &str, heard: &Heard, facts: &Facts<'_>) -> Option<String> {
+fn exchange(lang: Lang, line: &str, heard: &SniffEvent, facts: &Facts<'_>) -> Option<String> {
     let (at, asked) = match heard {
-        Heard::Missing(missing) => (missing.at, Some(&missing.asked)),
-        Heard::Frame(frame) => {
+        SniffEvent::Missing(missing) => (missing.at, Some(&missing.asked)),
+        SniffEvent::Frame(frame) => {
             let reading = frame.readings.first();
             let request = reading.filter(|reading| reading.role == Some(FrameRole::Request));
             let asked = request.and_then(|reading| reading.request(&frame.bytes));
@@ -187,7 +187,9 @@ fn exchange(lang: Lang, line: &str, heard: &Heard, facts: &Facts<'_>) -> Option<
         .address
         .map_or("–".to_owned(), |address| address.to_string());
     let told = sniff::told(lang, heard);
-    let after = facts.after.filter(|_| matches!(heard, Heard::Frame(_)));
+    let after = facts
+        .after
+        .filter(|_| matches!(heard, SniffEvent::Frame(_)));
     let after =
         after.map(|after| format!("  {} {}", sniff::millis(after), lang.of(["ms", "毫秒"])));
     Some(format!(

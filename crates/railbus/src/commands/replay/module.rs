@@ -9,7 +9,7 @@ use crate::commands::stop::{self, Stop};
 use railbus_app::failure::Failure;
 use railbus_app::render::out;
 use railbus_host::{AnyPort, Port, PortError, SerialOptions};
-use railbus_sniff::{FrameRole, Heard, Input, Listener, Output};
+use railbus_sniff::{FrameRole, Input, Listener, Output, SniffEvent};
 use railbus_wire::Instant;
 use railbus_words::hex;
 use std::collections::BTreeMap;
@@ -69,8 +69,8 @@ pub(super) async fn play(
         let due = loop {
             match listener.poll() {
                 Output::Wait(due) => break due,
-                Output::Heard(Heard::Missing(_)) => {}
-                Output::Heard(Heard::Frame(frame)) => {
+                Output::Heard(SniffEvent::Missing(_)) => {}
+                Output::Heard(SniffEvent::Frame(frame)) => {
                     let asked = frame.readings.first().and_then(|reading| reading.role);
                     if asked != Some(FrameRole::Request) {
                         continue;

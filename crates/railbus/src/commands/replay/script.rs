@@ -3,7 +3,7 @@
 use crate::commands::Context;
 use crate::commands::sniff::{Capture, ListenedLine, Received};
 use railbus_app::failure::Failure;
-use railbus_sniff::{Frame, FrameRole, Heard, Input, Output, Reading};
+use railbus_sniff::{FrameRole, Input, Output, Reading, SniffEvent, SniffedFrame};
 use railbus_wire::{Exchange, Instant, Micros, Protocol, SerialSettings};
 use railbus_words::Code;
 use railbus_words::Lang;
@@ -99,13 +99,13 @@ impl Script {
             Received::Lost(_) => {}
         }
         while let Output::Heard(heard) = listened.listener.poll() {
-            if let Heard::Frame(frame) = heard {
+            if let SniffEvent::Frame(frame) = heard {
                 self.add(frame);
             }
         }
     }
 
-    fn add(&mut self, frame: Frame) {
+    fn add(&mut self, frame: SniffedFrame) {
         let pause = match self.last {
             Instant(0) => Micros::ZERO,
             last => frame.at.since(last),

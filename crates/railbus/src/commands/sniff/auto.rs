@@ -8,7 +8,7 @@ use railbus_app::failure::Failure;
 use railbus_app::frames::words;
 use railbus_app::render::records;
 use railbus_host::LineName;
-use railbus_sniff::{FrameVerdict, Heard, Input, Listener, Output};
+use railbus_sniff::{FrameVerdict, Input, Listener, Output, SniffEvent};
 use railbus_wire::{Baud, Character, Instant, Micros, Protocol, SerialSettings};
 use railbus_words::Code;
 use serde_json::json;
@@ -175,7 +175,9 @@ async fn listen(
 /// Counts only certain frames: ASCII without a checksum may be chance.
 fn count(listener: &mut Listener, round: &mut Round) {
     while let Output::Heard(heard) = listener.poll() {
-        let Heard::Frame(frame) = heard else { continue };
+        let SniffEvent::Frame(frame) = heard else {
+            continue;
+        };
         let good = matches!(frame.verdict, FrameVerdict::Good | FrameVerdict::Refused);
         let weak = frame.bytes.len() < 4
             && frame

@@ -3,7 +3,7 @@
 use crate::commands::Context;
 use railbus_app::failure::Failure;
 use railbus_app::frames::packet::packet;
-use railbus_sniff::Heard;
+use railbus_sniff::SniffEvent;
 use railbus_sniff::capture;
 use railbus_wire::SerialSettings;
 use railbus_words::Code;
@@ -66,7 +66,7 @@ impl Recorder {
         &mut self,
         context: &Context,
         line: u32,
-        heard: &Heard,
+        heard: &SniffEvent,
     ) -> Result<(), Failure> {
         match packet(context.lang, line, heard) {
             Some(packet) => self.put(context, &packet),

@@ -5,7 +5,7 @@ use jiff::tz::TimeZone;
 use railbus_app::frames::words;
 use railbus_app::frames::{Facts, addressee, as_json, at, timestamp};
 use railbus_app::render::{Format, records};
-use railbus_sniff::{FrameRole, FrameVerdict, Heard, Reading};
+use railbus_sniff::{FrameRole, FrameVerdict, Reading, SniffEvent};
 use railbus_wire::{Instant, Micros, SerialSettings};
 use railbus_words::Lang;
 use railbus_words::{hex, time, width};
@@ -27,7 +27,7 @@ pub(in crate::commands) fn line(
     lang: Lang,
     format: Format,
     line: &str,
-    heard: &Heard,
+    heard: &SniffEvent,
     facts: &Facts<'_>,
 ) -> String {
     match format {
@@ -38,8 +38,8 @@ pub(in crate::commands) fn line(
             records::csv(&json, &CSV)
         }
         Format::Value => match heard {
-            Heard::Frame(frame) => format!("{}\n", hex::spaced(&frame.bytes)),
-            Heard::Missing(_) => String::new(),
+            SniffEvent::Frame(frame) => format!("{}\n", hex::spaced(&frame.bytes)),
+            SniffEvent::Missing(_) => String::new(),
         },
     }
 }
@@ -59,15 +59,15 @@ fn row(cells: impl IntoIterator<Item = String>) -> String {
     format!("{}\n", text.trim_end())
 }
 
-fn table(lang: Lang, heard: &Heard, facts: &Facts<'_>) -> String {
+fn table(lang: Lang, heard: &SniffEvent, facts: &Facts<'_>) -> String {
     let clock = time::clock(&timestamp(at(heard)).to_zoned(TimeZone::system()));
     let gap = match heard {
-        Heard::Missing(missing) => Some(missing.after),
-        Heard::Frame(frame) => frame.gap,
+        SniffEvent::Missing(missing) => Some(missing.after),
+        SniffEvent::Frame(frame) => frame.gap,
     };
     let gap = gap.map(words::millis).unwrap_or_default();
     let direction = match (heard, facts.role) {
-        (Heard::Missing(_), _) => "–",
+        (SniffEvent::Missing(_), _) => "–",
         (_, Some(FrameRole::Request)) => "→",
         (_, Some(FrameRole::Reply)) => "←",
         (_, None) => "?",
@@ -80,8 +80,8 @@ fn table(lang: Lang, heard: &Heard, facts: &Facts<'_>) -> String {
         meaning = format!("{module}: {meaning}");
     }
     let bytes = match heard {
-        Heard::Frame(frame) => readable(&frame.bytes, frame.readings.first()),
-        Heard::Missing(_) => String::new(),
+        SniffEvent::Frame(frame) => readable(&frame.bytes, frame.readings.first()),
+        SniffEvent::Missing(_) => String::new(),
     };
     let cells = [clock, format!("{gap:>7}"), direction.to_owned(), protocol];
     row(cells
@@ -116,10 +116,10 @@ pub(in crate::commands) struct Sums {
 }
 
 impl Sums {
-    pub(in crate::commands) fn add(&mut self, heard: &Heard, settings: SerialSettings) {
+    pub(in crate::commands) fn add(&mut self, heard: &SniffEvent, settings: SerialSettings) {
         match heard {
-            Heard::Missing(_) => self.missing += 1,
-            Heard::Frame(frame) => {
+            SniffEvent::Missing(_) => self.missing += 1,
+            SniffEvent::Frame(frame) => {
                 self.frames += 1;
                 self.bad += u64::from(matches!(frame.verdict, FrameVerdict::Bad(_)));
                 self.busy += settings.frame_time(frame.bytes.len());
