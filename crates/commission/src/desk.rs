@@ -57,7 +57,7 @@ pub enum Event {
     /// The record is durable, or could not be made so.
     Kept(bool),
     /// What was heard.
-    Heard(Heard),
+    Heard(RxBytes),
     /// The time has passed, or the user was informed.
     Over,
     /// The user's answer to a question.
@@ -66,7 +66,7 @@ pub enum Event {
 
 /// What was heard after a request.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Heard {
+pub struct RxBytes {
     /// The bytes after it, without the echo; up to the end of a valid reply, or all.
     pub bytes: Vec<u8>,
     /// Bytes that came after the end of the previous reply.

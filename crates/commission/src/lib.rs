@@ -41,7 +41,7 @@ pub use boards::{BoardState, all_boards};
 pub use calibrate::{Calibrated, Hindrance, calibrate, restore_factory};
 pub use change::{Ended, Job, Neighbour, WriteFailure, change};
 pub use desk::{
-    DriverAction, Event, Heard, Procedure, ProcedureError, ProcedureStep, Progress, Question,
+    DriverAction, Event, Procedure, ProcedureError, ProcedureStep, Progress, Question, RxBytes,
     TimedExchange,
 };
 pub use frame::{read_request, request};

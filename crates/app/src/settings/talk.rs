@@ -1,6 +1,6 @@
 //! A port opened exclusively: sends the requests of a procedure, and receives the replies.
 
-use railbus_commission::{Heard, TimedExchange};
+use railbus_commission::{RxBytes, TimedExchange};
 use railbus_host::{AnyPort, LineName, Medium, Port, PortError, PortHistory, SerialOptions};
 use railbus_wire::{Frame, Instant, Micros, SerialSettings};
 use std::time::Duration;
@@ -67,10 +67,10 @@ impl Talk {
     }
 
     /// Sends the request, and receives the reply.
-    pub async fn ask(&mut self, ask: &TimedExchange) -> Heard {
-        let lost = Heard {
+    pub async fn ask(&mut self, ask: &TimedExchange) -> RxBytes {
+        let lost = RxBytes {
             lost: true,
-            ..Heard::default()
+            ..RxBytes::default()
         };
         let mut frame = Frame::new();
         ask.exchange.encode(&mut frame);
@@ -103,7 +103,7 @@ impl Talk {
         if ask.exchange.expects_reply() && !is_whole(&heard) {
             self.late_replies_until = sent_at + LATE;
         }
-        Heard {
+        RxBytes {
             bytes: without_echo(&heard, sent, self.echoes).to_vec(),
             stray,
             lost: false,

@@ -3,7 +3,7 @@
 #![allow(unreachable_pub, reason = "the files of a test see each other")]
 
 use railbus_commission::{
-    DriverAction, Event, Heard, JournalRecord, Log, Procedure, ProcedureStep, Progress, Question,
+    DriverAction, Event, JournalRecord, Log, Procedure, ProcedureStep, Progress, Question, RxBytes,
     TimedExchange,
 };
 use railbus_device::{Eeprom, Family, Options, Setup};
@@ -188,7 +188,7 @@ impl Bench {
         (cut != Some(Cut::After)).then_some(Event::Kept(true))
     }
 
-    fn ask(&mut self, ask: &TimedExchange, cut: Option<Cut>) -> Option<Heard> {
+    fn ask(&mut self, ask: &TimedExchange, cut: Option<Cut>) -> Option<RxBytes> {
         self.frames += 1;
         let stray = self.advance(self.now + ask.quiet, &|_| false);
         let mut frame = Frame::new();
@@ -233,7 +233,7 @@ impl Bench {
             self.line.set_module_faults(self.module, Faults::NONE);
         }
         let died = matches!(cut, Some(Cut::Half | Cut::After));
-        (!died).then_some(Heard {
+        (!died).then_some(RxBytes {
             bytes,
             stray,
             lost: false,

@@ -2,7 +2,7 @@
 
 use railbus_commission::settings::Wanted;
 use railbus_commission::{
-    ChangeOrigin, DriverAction, Event, Heard, Job, ProcedureError, ProcedureStep, change,
+    ChangeOrigin, DriverAction, Event, Job, ProcedureError, ProcedureStep, RxBytes, change,
 };
 use railbus_device::{Family, Setup};
 use railbus_wire::{Address, Frame, Instant, Micros, Protocol, crc16};
@@ -40,9 +40,9 @@ fn configured(
                     _ => None,
                 };
                 let bytes = bytes.unwrap_or_default();
-                Event::Heard(Heard {
+                Event::Heard(RxBytes {
                     bytes,
-                    ..Heard::default()
+                    ..RxBytes::default()
                 })
             }
             DriverAction::Wait(_) | DriverAction::Tell(_) => Event::Over,

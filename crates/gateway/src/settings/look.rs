@@ -5,7 +5,7 @@ use railbus_app::api::failures;
 use railbus_app::settings::outcome;
 use railbus_app::settings::target::Target;
 use railbus_commission::{
-    BusAddress, DriverAction, Event, Found, Heard, ProcedureError, ProcedureStep, TimedExchange,
+    BusAddress, DriverAction, Event, Found, ProcedureError, ProcedureStep, RxBytes, TimedExchange,
     read,
 };
 use railbus_host::ProbeResult;
@@ -53,7 +53,7 @@ async fn put(
     service: &Service,
     target: &Target,
     ask: &TimedExchange,
-) -> Result<Option<Heard>, Problem> {
+) -> Result<Option<RxBytes>, Problem> {
     let terms = RawTerms {
         settings: Some(ask.settings),
         gap: Some(ask.quiet),
@@ -70,9 +70,9 @@ async fn put(
         None if ask.exchange.find_response(&met.bytes).1.whole().is_some() => return Ok(None),
         None => met.bytes,
     };
-    Ok(Some(Heard {
+    Ok(Some(RxBytes {
         bytes,
-        ..Heard::default()
+        ..RxBytes::default()
     }))
 }
 
