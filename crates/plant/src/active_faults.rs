@@ -1,7 +1,7 @@
 //! The active faults: which, until when, and their effects.
 
 use railbus_sim::{Chance, DurationRange, Faults};
-use railbus_site::config::{Fault, FaultOrder, Noise};
+use railbus_site::config::{FaultOrder, InjectedFault, Noise};
 use railbus_wire::{Instant, Micros, SerialSettings};
 
 /// The faults of a module or of a line.
@@ -74,14 +74,14 @@ impl ActiveFaults {
         self.0.iter().filter_map(|one| one.until).min()
     }
 
-    pub(super) fn has(&self, fault: Fault) -> bool {
+    pub(super) fn has(&self, fault: InjectedFault) -> bool {
         self.0.iter().any(|one| one.order.fault == fault)
     }
 
     /// The address required by a fault.
     pub(super) fn address(&self) -> Option<u8> {
         self.0.iter().find_map(|one| match one.order.fault {
-            Fault::DupAddress(address) => Some(address),
+            InjectedFault::DupAddress(address) => Some(address),
             _ => None,
         })
     }
@@ -90,7 +90,7 @@ impl ActiveFaults {
     pub(super) fn stuck(&self) -> u32 {
         let faults = self.0.iter().map(|one| one.order.fault);
         faults.fold(0, |mask, fault| match fault {
-            Fault::Stuck(index) => mask | 1u32.checked_shl(index.into()).unwrap_or(0),
+            InjectedFault::Stuck(index) => mask | 1u32.checked_shl(index.into()).unwrap_or(0),
             _ => mask,
         })
     }
@@ -115,56 +115,56 @@ impl ActiveFaults {
 }
 
 /// Adds one fault. Those without randomness are handled by the stage.
-fn add(faults: &mut Faults, fault: Fault, serial: SerialSettings) {
+fn add(faults: &mut Faults, fault: InjectedFault, serial: SerialSettings) {
     let chance = Chance::per_million;
     let same = |time| DurationRange {
         from: time,
         to: time,
     };
     match fault {
-        Fault::Mute => faults.lose_reply = Chance::ALWAYS,
-        Fault::Deaf => faults.lose_request = Chance::ALWAYS,
-        Fault::Drop(part) => {
+        InjectedFault::Mute => faults.lose_reply = Chance::ALWAYS,
+        InjectedFault::Deaf => faults.lose_request = Chance::ALWAYS,
+        InjectedFault::Drop(part) => {
             faults.lose_request = faults.lose_request.max(chance(part));
             faults.lose_reply = faults.lose_reply.max(chance(part));
         }
-        Fault::Flip(part) => faults.flip = chance(part),
-        Fault::Skip(part) => faults.lose_character = chance(part),
-        Fault::Noise(Noise::Every(time)) => faults.noise_every = Some(time),
-        Fault::Noise(Noise::Chance(part)) => {
+        InjectedFault::Flip(part) => faults.flip = chance(part),
+        InjectedFault::Skip(part) => faults.lose_character = chance(part),
+        InjectedFault::Noise(Noise::Every(time)) => faults.noise_every = Some(time),
+        InjectedFault::Noise(Noise::Chance(part)) => {
             let character = serial.frame_time(1).0;
             faults.noise_every = Some(Micros(character * 1_000_000 / u64::from(part.max(1))));
         }
-        Fault::Glitch(part) => {
+        InjectedFault::Glitch(part) => {
             faults.glitch_before = chance(part);
             faults.glitch_after = chance(part);
         }
-        Fault::Delay(from, to) => {
+        InjectedFault::Delay(from, to) => {
             faults.late = Chance::ALWAYS;
             faults.late_by = DurationRange { from, to };
         }
-        Fault::Duplicate(part) => {
+        InjectedFault::Duplicate(part) => {
             faults.again = chance(part);
             faults.again_after = DurationRange::millis(2, 20);
         }
-        Fault::Split(part, pause) => {
+        InjectedFault::Split(part, pause) => {
             faults.pieces = chance(part);
             faults.pause = same(pause);
         }
-        Fault::Babble(Some(part)) => {
+        InjectedFault::Babble(Some(part)) => {
             faults.babble = chance(part);
             faults.babble_for = DurationRange::millis(50, 500);
         }
-        Fault::Cuts(every, away) => {
+        InjectedFault::Cuts(every, away) => {
             faults.cut_every = Some(every);
             faults.cut_for = same(away);
         }
-        Fault::Bad => faults.spoil = Chance::ALWAYS,
-        Fault::Babble(None)
-        | Fault::Dead
-        | Fault::Echo
-        | Fault::DupAddress(_)
-        | Fault::Stuck(_) => {}
+        InjectedFault::Bad => faults.spoil = Chance::ALWAYS,
+        InjectedFault::Babble(None)
+        | InjectedFault::Dead
+        | InjectedFault::Echo
+        | InjectedFault::DupAddress(_)
+        | InjectedFault::Stuck(_) => {}
     }
 }
 
@@ -210,10 +210,10 @@ mod tests {
         let mut faults = active("mute 10s, deaf");
         assert_eq!(faults.next_end(), Some(Instant(10_000_000)));
         faults.expire(Instant(9_999_999), 9);
-        assert!(faults.has(Fault::Mute));
+        assert!(faults.has(InjectedFault::Mute));
         assert!(faults.is_due(Instant(10_000_000), 9));
         faults.expire(Instant(10_000_000), 9);
-        assert!(!faults.has(Fault::Mute) && faults.has(Fault::Deaf));
+        assert!(!faults.has(InjectedFault::Mute) && faults.has(InjectedFault::Deaf));
         assert_eq!(faults.next_end(), None);
     }
 
@@ -228,9 +228,9 @@ mod tests {
         assert_eq!((left(&faults, 5), left(&faults, 6)), (vec![2], vec![1]));
         assert!(!faults.is_due(Instant(0), 6));
         faults.expire(Instant(0), 6);
-        assert!(faults.has(Fault::Bad) && faults.is_due(Instant(0), 7));
+        assert!(faults.has(InjectedFault::Bad) && faults.is_due(Instant(0), 7));
         faults.expire(Instant(0), 7);
-        assert!(!faults.has(Fault::Bad));
+        assert!(!faults.has(InjectedFault::Bad));
         assert_eq!(faults.told(Instant(0), 7).count(), 2);
     }
 }

@@ -325,7 +325,7 @@ pub(super) fn path(name: &str, setup: &Setup, point: Point) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use railbus_site::config::Fault;
+    use railbus_site::config::InjectedFault;
 
     fn directory(lines: &[&str]) -> Directory {
         let line = |name| format!("[line.{name}]\nport = \"pty:/tmp/{name}\"\n");
@@ -410,15 +410,15 @@ mod tests {
         for text in ["fault line echo", "fault line main echo"] {
             assert_eq!(
                 faults(&one, text),
-                (0, FaultTarget::Line, Fault::Echo),
+                (0, FaultTarget::Line, InjectedFault::Echo),
                 "{text}"
             );
         }
         let two = directory(&["main", "yard"]);
         let second = faults(&two, "fault line yard echo");
-        assert_eq!(second, (1, FaultTarget::Line, Fault::Echo));
+        assert_eq!(second, (1, FaultTarget::Line, InjectedFault::Echo));
         let module = faults(&two, "fault tank mute 10s");
-        assert_eq!(module, (0, FaultTarget::Module(1), Fault::Mute));
+        assert_eq!(module, (0, FaultTarget::Module(1), InjectedFault::Mute));
     }
 
     #[test]

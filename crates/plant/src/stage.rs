@@ -10,7 +10,7 @@ pub(super) use part::Part;
 use super::active_faults::ActiveFaults;
 use railbus_device::{Eeprom, Point, Setup, SetupError};
 use railbus_sim::{Act, Input, Output, Power, VirtualLine, VirtualLineConfig};
-use railbus_site::config::{Fault, FaultOrder, Signal, SimModule};
+use railbus_site::config::{FaultOrder, InjectedFault, Signal, SimModule};
 use railbus_wire::{Address, Instant, Micros, Protocol, SerialSettings};
 use std::collections::BTreeMap;
 
@@ -291,11 +291,11 @@ impl Stage {
     }
 
     fn change_line_faults(&mut self, now: Instant, change: impl FnOnce(&mut ActiveFaults)) {
-        let babbled = self.faults.has(Fault::Babble(None));
+        let babbled = self.faults.has(InjectedFault::Babble(None));
         change(&mut self.faults);
         self.line.set_faults(self.faults.faults(self.serial));
-        self.line.set_echo(self.faults.has(Fault::Echo));
-        match (babbled, self.faults.has(Fault::Babble(None))) {
+        self.line.set_echo(self.faults.has(InjectedFault::Echo));
+        match (babbled, self.faults.has(InjectedFault::Babble(None))) {
             (false, true) => self.line.babble(FOREVER),
             (true, false) => self.line.hush(None),
             _ => {}
@@ -313,9 +313,9 @@ impl Stage {
     ) {
         let part = &mut self.parts[index];
         let id = part.id;
-        let babbled = part.faults.has(Fault::Babble(None));
+        let babbled = part.faults.has(InjectedFault::Babble(None));
         change(&mut part.faults);
-        let babbles = part.faults.has(Fault::Babble(None));
+        let babbles = part.faults.has(InjectedFault::Babble(None));
         let (faults, stuck) = (part.faults.faults(self.serial), part.faults.stuck());
         self.line.set_module_faults(id, faults);
         self.line.handle(now, Input::Act(id, Act::Stuck(stuck)));
@@ -358,9 +358,9 @@ impl Stage {
 
     /// Switches the module's power, as requested and as faults require.
     fn power(&mut self, now: Instant, index: usize) {
-        let dead = self.faults.has(Fault::Dead);
+        let dead = self.faults.has(InjectedFault::Dead);
         let part = &mut self.parts[index];
-        let power = part.wanted_power && !dead && !part.faults.has(Fault::Dead);
+        let power = part.wanted_power && !dead && !part.faults.has(InjectedFault::Dead);
         if part.has_power == power {
             return;
         }
@@ -370,7 +370,7 @@ impl Stage {
         }
         let act = Act::Power(if power { Power::On } else { Power::Off });
         self.line.handle(now, Input::Act(part.id, act));
-        if power && part.faults.has(Fault::Babble(None)) {
+        if power && part.faults.has(InjectedFault::Babble(None)) {
             self.line
                 .handle(now, Input::Act(part.id, Act::Babble(FOREVER)));
         }

@@ -28,15 +28,15 @@ pub use control::{
     Confirm, Group, MEMBERS_MAX, Name, Policy, SAFETY_MAX, SCENE_MAX, Safety, Scene, Step,
 };
 pub use faults::{
-    FAULTS, Fault, FaultError, FaultOrder, FaultsOf, Millionths, Noise, parse_faults,
+    FAULTS, FaultError, FaultOrder, FaultsOf, InjectedFault, Millionths, Noise, parse_faults,
 };
 pub use keys::{SCHEMA, TABLES};
 pub use lint::{Unwise, Warning, lint, load_percent, wire_time};
 pub use outlet::{OUTLET_TYPE, OUTLETS_MAX, OutletTable};
 pub use owner::Allowed;
-pub use past::Past;
+pub use past::PastLimits;
 pub use plant::{Blink, Plant, Signal, SimLine, SimModule, Swing};
-pub use problem::{Kind, Problem};
+pub use problem::{ConfigProblem, Invalid};
 pub use read::{place_of, resembles};
 pub use rules::{ACTIONS_MAX, Action, Clock, Limit, NOTICE_MAX, RULES_MAX, Rule, When};
 pub use units::{Range, Standard};
@@ -68,7 +68,7 @@ pub struct Config {
     /// Its simulation.
     pub plant: Plant,
     /// How much history and audit log is kept.
-    pub past: Past,
+    pub past: PastLimits,
     /// Ports and receivers that the owner allows beyond the defaults.
     pub allowed: Allowed,
 }
@@ -203,7 +203,7 @@ impl Config {
     ///
     /// # Errors
     /// Every problem found, in the order of the text.
-    pub fn parse(text: &str) -> Result<Config, Vec<Problem>> {
+    pub fn parse(text: &str) -> Result<Config, Vec<ConfigProblem>> {
         read::read(text)
     }
 

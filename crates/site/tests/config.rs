@@ -1,7 +1,7 @@
 //! What is wrong with a configuration is told all at once, each with its place.
 
 use railbus_site::Config;
-use railbus_site::config::{Confirm, Kind, Place, Policy, Signal, Step, Swing};
+use railbus_site::config::{Confirm, Invalid, Place, Policy, Signal, Step, Swing};
 use railbus_wire::Micros;
 
 const GOOD: &str = r#"
@@ -27,7 +27,7 @@ address = 3
 /// Code, line, column and path of every problem.
 fn problems(text: &str) -> Vec<(&'static str, usize, usize, String)> {
     let problems = Config::parse(text).expect_err("it has problems");
-    let told = |p: railbus_site::config::Problem| (p.kind.code(), p.line, p.column, p.path);
+    let told = |p: railbus_site::config::ConfigProblem| (p.kind.code(), p.line, p.column, p.path);
     problems.into_iter().map(told).collect()
 }
 
@@ -154,7 +154,7 @@ fn two_modules_on_one_address_are_told() {
                              model = \"erc8\"\naddress = 3",
     );
     let problems = Config::parse(&text).expect_err("they collide");
-    assert_eq!(problems[0].kind, Kind::AddressTaken("oven".to_owned()));
+    assert_eq!(problems[0].kind, Invalid::AddressTaken("oven".to_owned()));
     assert_eq!(problems[0].kind.code(), "E0823");
     assert_eq!((problems[0].line, problems[0].column), (23, 11));
     // Modules of different protocols do not hear each other's address.
@@ -166,10 +166,10 @@ fn two_modules_on_one_address_are_told() {
 fn an_unknown_key_comes_with_the_one_that_is_meant() {
     let text = GOOD.replace("poll =", "pol =");
     let problems = Config::parse(&text).expect_err("it is unknown");
-    assert_eq!(problems[0].kind, Kind::UnknownKey(Some("poll")));
+    assert_eq!(problems[0].kind, Invalid::UnknownKey(Some("poll")));
     let text = GOOD.replace("poll =", "colour =");
     let problems = Config::parse(&text).expect_err("it is unknown");
-    assert_eq!(problems[0].kind, Kind::UnknownKey(None));
+    assert_eq!(problems[0].kind, Invalid::UnknownKey(None));
 }
 
 #[test]

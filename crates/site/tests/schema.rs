@@ -3,7 +3,7 @@
 use jsonschema::Validator;
 use railbus_device::Family;
 use railbus_site::Config;
-use railbus_site::config::{Kind, SCHEMA, TABLES};
+use railbus_site::config::{Invalid, SCHEMA, TABLES};
 use railbus_wire::Protocol;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeSet;
@@ -238,7 +238,7 @@ fn the_schema_has_the_choices_that_the_reader_has() {
     for (text, told) in cases {
         let problems = Config::parse(&text).unwrap_err();
         let choices = problems.iter().find_map(|problem| match &problem.kind {
-            Kind::NotOneOf(choices) => Some(choices.iter().map(ToString::to_string).collect()),
+            Invalid::NotOneOf(choices) => Some(choices.iter().map(ToString::to_string).collect()),
             _ => None,
         });
         assert_eq!(choices, Some(names(&told)), "{text}");

@@ -2,67 +2,69 @@
 
 use railbus_device::SetupError;
 use railbus_host::NameError;
-use railbus_site::config::{FAULTS, FaultError, Kind};
+use railbus_site::config::{FAULTS, FaultError, Invalid};
 use railbus_words::Lang;
 use railbus_words::reasons;
 
 /// One problem in a few words.
-pub fn reason(lang: Lang, kind: &Kind) -> String {
+pub fn reason(lang: Lang, kind: &Invalid) -> String {
     let both = |en: String, zh: String| match lang {
         Lang::En => en,
         Lang::Zh => zh,
     };
     let fixed = |both: [&'static str; 2]| lang.of(both).to_owned();
     match kind {
-        Kind::Syntax(words) => {
+        Invalid::Syntax(words) => {
             let words = reasons::told(lang, words);
             both(
                 format!("not valid TOML: {words}"),
                 format!("不是 TOML：{words}"),
             )
         }
-        Kind::UnknownKey(Some(meant)) => both(
+        Invalid::UnknownKey(Some(meant)) => both(
             format!("unknown key; did you mean \"{meant}\"?"),
             format!("未知的键；是否应为 \"{meant}\"？"),
         ),
-        Kind::UnknownKey(None) => fixed(["unknown key", "未知的键"]),
-        Kind::MissingKey(key) => both(format!("\"{key}\" is missing"), format!("缺少 \"{key}\"")),
-        Kind::WrongType(wanted) => {
+        Invalid::UnknownKey(None) => fixed(["unknown key", "未知的键"]),
+        Invalid::MissingKey(key) => {
+            both(format!("\"{key}\" is missing"), format!("缺少 \"{key}\""))
+        }
+        Invalid::WrongType(wanted) => {
             let wanted = reasons::word(lang, wanted);
             both(format!("must be: {wanted}"), format!("类型应为：{wanted}"))
         }
-        Kind::NotOneOf(choices) => {
+        Invalid::NotOneOf(choices) => {
             let choices = choices.join(", ");
             both(
                 format!("must be one of: {choices}"),
                 format!("应为其中之一：{choices}"),
             )
         }
-        Kind::OutOfRange(low, high) => both(
+        Invalid::OutOfRange(low, high) => both(
             format!("must be from {low} to {high}"),
             format!("应在 {low} 到 {high} 之间"),
         ),
-        Kind::BadName => fixed([
+        Invalid::BadName => fixed([
             "names are 1 to 32 of a-z, 0-9 and _",
             "名称须由 1 到 32 个 a-z、0-9 或 _ 组成",
         ]),
-        Kind::BadDuration => fixed([
+        Invalid::BadDuration => fixed([
             "not a length of time with its unit, such as \"200ms\"",
             "须为带单位的时间，如 \"200ms\"",
         ]),
-        Kind::BadRange => fixed([
+        Invalid::BadRange => fixed([
             "must be \"0-10V\", \"0-20mA\" or { low, high, unit }",
             "应为 \"0-10V\"、\"0-20mA\" 或 { low, high, unit }",
         ]),
-        Kind::BadPort(why) => fixed(port(*why)),
-        Kind::PortTaken(other) => both(
+        Invalid::BadPort(why) => fixed(port(*why)),
+        Invalid::PortTaken(other) => both(
             format!("line \"{other}\" is plugged in here already"),
             format!("总线 \"{other}\" 已使用此端口"),
         ),
-        Kind::NoSuchLine => fixed(["there is no such line", "没有此总线"]),
-        Kind::NoSuchModule => fixed(["there is no such module", "没有此模块"]),
-        Kind::NoSuchPoint => fixed(["the module has no such point", "该模块没有此点位"]),
-        Kind::NoSuchSetting(known) => {
+        Invalid::NoSuchLine => fixed(["there is no such line", "没有此总线"]),
+        Invalid::NoSuchModule => fixed(["there is no such module", "没有此模块"]),
+        Invalid::NoSuchPoint => fixed(["the module has no such point", "该模块没有此点位"]),
+        Invalid::NoSuchSetting(known) => {
             let known = known.join(", ");
             both(
                 format!(
@@ -74,72 +76,72 @@ pub fn reason(lang: Lang, kind: &Kind) -> String {
                 ),
             )
         }
-        Kind::BadSetting(possible) => both(
+        Invalid::BadSetting(possible) => both(
             format!("the setting can be: {possible}"),
             format!("该设置可为：{possible}"),
         ),
-        Kind::NoSuchPath => fixed([
+        Invalid::NoSuchPath => fixed([
             "there is no such point; write MODULE.POINT, as \"oven.k1\"",
             "没有此点位；应写为 模块.点位，如 \"oven.k1\"",
         ]),
-        Kind::NotAnOutput => fixed(["only outputs are allowed here", "仅适用于输出点"]),
-        Kind::InterlockSelf => fixed([
+        Invalid::NotAnOutput => fixed(["only outputs are allowed here", "仅适用于输出点"]),
+        Invalid::InterlockSelf => fixed([
             "an output can't interlock with itself",
             "输出不能与自身互锁",
         ]),
-        Kind::NamedTwice => fixed(["it is listed twice", "重复列出"]),
-        Kind::TooMany(most) => both(
+        Invalid::NamedTwice => fixed(["it is listed twice", "重复列出"]),
+        Invalid::TooMany(most) => both(
             format!("more than {most} of them"),
             format!("多于 {most} 个"),
         ),
-        Kind::TooLong(longest) => {
+        Invalid::TooLong(longest) => {
             let seconds = longest.0 / 1_000_000;
             both(
                 format!("must be more than nothing, and {seconds} s at most"),
                 format!("应大于 0，且不超过 {seconds} 秒"),
             )
         }
-        Kind::BadStep => fixed([
+        Invalid::BadStep => fixed([
             "a step is { set = \"oven.k1\", to = true } or { wait = \"2s\" }",
             "步骤应为 { set = \"oven.k1\", to = true } 或 { wait = \"2s\" }",
         ]),
-        Kind::BadCondition => fixed([
+        Invalid::BadCondition => fixed([
             "a condition is { point, is }, { point, above } or { point, below }, { time } \
              without \"for\", { module_offline } or { line_offline }",
             "条件应为 { point, is }、{ point, above } 或 { point, below }、不带 \"for\" 的 \
              { time }、{ module_offline } 或 { line_offline }",
         ]),
-        Kind::BadTime => fixed([
+        Invalid::BadTime => fixed([
             "a time of day is written as \"06:30\"",
             "时刻应写为 \"06:30\"",
         ]),
-        Kind::BadAction => fixed([
+        Invalid::BadAction => fixed([
             "a rule does { set, to }, { pulse, width } or { notify }, one at least",
             "规则的动作应为 { set, to }、{ pulse, width } 或 { notify }，至少一项",
         ]),
-        Kind::BadText(most) => both(
+        Invalid::BadText(most) => both(
             format!("a text has 1 to {most} characters"),
             format!("文字应为 1 到 {most} 个字符"),
         ),
-        Kind::NeedsPerson => fixed([
+        Invalid::NeedsPerson => fixed([
             "a person has to confirm this output, a rule can't",
             "此输出须由人确认，规则不能操作",
         ]),
-        Kind::OtherUnit(unit) => both(
+        Invalid::OtherUnit(unit) => both(
             format!("the unit of the point is \"{unit}\""),
             format!("该点位的单位是 \"{unit}\""),
         ),
-        Kind::BadUrl => fixed([
+        Invalid::BadUrl => fixed([
             "write http://HOST[:PORT]/… or https://…, without a name and a password",
             "应写为 http://主机[:端口]/… 或 https://…，不含用户名和密码",
         ]),
-        Kind::NotAnInput => fixed([
+        Invalid::NotAnInput => fixed([
             "this is no input; only inputs are moved from outside",
             "不是输入点；只能从外部改变输入",
         ]),
-        Kind::Setup(why) => setup(lang, *why),
-        Kind::BadFault(why) => fault(lang, why),
-        Kind::AddressTaken(other) => both(
+        Invalid::Setup(why) => setup(lang, *why),
+        Invalid::BadFault(why) => fault(lang, why),
+        Invalid::AddressTaken(other) => both(
             format!("module \"{other}\" has this address already"),
             format!("模块 \"{other}\" 已使用此地址"),
         ),

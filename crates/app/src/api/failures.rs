@@ -5,7 +5,7 @@ use railbus_api::types::LineInfo;
 use railbus_bus::Evidence;
 use railbus_device::{Point, Refusal};
 use railbus_host::{Fault, LineState, PortAccess, PortError, Presence};
-use railbus_site::config::Problem as ConfigProblem;
+use railbus_site::config::ConfigProblem;
 use railbus_site::{Failure, Service};
 use railbus_wire::Micros;
 use railbus_words::Lang;

@@ -7,7 +7,7 @@ use railbus_api::problem::{Problem, codes};
 use railbus_app::api::failures::{self, bad_config};
 use railbus_app::config_file;
 use railbus_site::config::edit::WriteError;
-use railbus_site::config::keeper::{Generation, Keeper, etag};
+use railbus_site::config::keeper::{ConfigFile, Generation, etag};
 use railbus_site::{Config, Loan, ReloadError, Reloaded, Service};
 use railbus_store::audit::Origin;
 use railbus_store::history::{Event, EventKind, Severity};
@@ -25,7 +25,7 @@ const TABLES_TOLD: usize = 8;
 /// Changes the configuration of a daemon.
 #[derive(Debug)]
 pub(crate) struct Desk {
-    keeper: Keeper,
+    keeper: ConfigFile,
     /// The state folder of the site.
     state: PathBuf,
     /// The ports of the text with which the daemon started, which is its owner's.
@@ -72,7 +72,7 @@ impl Desk {
     pub(crate) fn new(file: &Path, state: &Path, config: &Config) -> Desk {
         let ports = config.lines.values().map(|line| line.port.clone());
         Desk {
-            keeper: Keeper::new(file.to_owned(), state),
+            keeper: ConfigFile::new(file.to_owned(), state),
             state: state.to_owned(),
             ports_at_start: ports.collect(),
             turn: Arc::default(),
@@ -264,7 +264,7 @@ impl Desk {
     /// Disks may be slow, and lines must not wait for them.
     async fn at_disk<T: Send + 'static>(
         &self,
-        work: impl FnOnce(&Keeper) -> T + Send + 'static,
+        work: impl FnOnce(&ConfigFile) -> T + Send + 'static,
     ) -> io::Result<T> {
         let keeper = self.keeper.clone();
         let done = tokio::task::spawn_blocking(move || work(&keeper)).await;

@@ -1,6 +1,6 @@
 //! Groups, scenes, and the safety settings of outputs.
 
-use super::problem::Kind;
+use super::problem::Invalid;
 use super::read::{Reader, Section, Value};
 use super::{Config, Place};
 use railbus_device::{Point, PointKind};
@@ -141,7 +141,7 @@ impl<'t> Reader<'t> {
             for key in Safety::KEYS {
                 if let Some(value) = section.table.get(key) {
                     let path = format!("{}.{key}", section.path);
-                    self.problem(value.span(), &path, Kind::NotAnOutput);
+                    self.problem(value.span(), &path, Invalid::NotAnOutput);
                 }
             }
             return Some(Safety::default());
@@ -164,7 +164,7 @@ impl<'t> Reader<'t> {
             DeValue::String(word) if word == "hold" => Some(Some(Confirm::Hold)),
             _ => {
                 let choices = vec!["true", "false", "\"hold\""];
-                self.problem(value.span(), path, Kind::NotOneOf(choices));
+                self.problem(value.span(), path, Invalid::NotOneOf(choices));
                 None
             }
         }
@@ -180,7 +180,7 @@ impl<'t> Reader<'t> {
             && (time.0 == 0 || time > SAFETY_MAX)
         {
             let path = format!("{}.{key}", section.path);
-            self.problem(section.place_of(key), &path, Kind::TooLong(SAFETY_MAX));
+            self.problem(section.place_of(key), &path, Invalid::TooLong(SAFETY_MAX));
             return None;
         }
         Some(found)
@@ -210,11 +210,11 @@ impl<'t> Reader<'t> {
         (kind, most): (&'static str, usize),
     ) -> Option<Vec<(Span<usize>, String)>> {
         let Some(list) = value.get_ref().as_array() else {
-            self.problem(value.span(), path, Kind::WrongType(kind));
+            self.problem(value.span(), path, Invalid::WrongType(kind));
             return None;
         };
         if list.len() > most {
-            self.problem(value.span(), path, Kind::TooMany(most));
+            self.problem(value.span(), path, Invalid::TooMany(most));
             return None;
         }
         let mut names = Vec::with_capacity(list.len());
@@ -235,7 +235,7 @@ impl<'t> Reader<'t> {
             let found = self.output(root, config, (&pending.span, &pending.path), &pending.other);
             match found {
                 Some(other) if other == pending.of => {
-                    self.problem(pending.span, &pending.path, Kind::InterlockSelf);
+                    self.problem(pending.span, &pending.path, Invalid::InterlockSelf);
                 }
                 Some(other) => exclude(config, &pending.of, &other),
                 None => {}
@@ -280,7 +280,7 @@ impl<'t> Reader<'t> {
                 continue;
             };
             if members.contains(&place) {
-                self.problem(span, &path, Kind::NamedTwice);
+                self.problem(span, &path, Invalid::NamedTwice);
             } else {
                 members.push(place);
             }
@@ -301,16 +301,16 @@ impl<'t> Reader<'t> {
             self.problem(
                 section.place_of("steps"),
                 &section.path,
-                Kind::MissingKey("steps"),
+                Invalid::MissingKey("steps"),
             );
             return None;
         };
         let Some(list) = value.get_ref().as_array() else {
-            self.problem(value.span(), &path, Kind::WrongType("list of steps"));
+            self.problem(value.span(), &path, Invalid::WrongType("list of steps"));
             return None;
         };
         if list.len() > MEMBERS_MAX {
-            self.problem(value.span(), &path, Kind::TooMany(MEMBERS_MAX));
+            self.problem(value.span(), &path, Invalid::TooMany(MEMBERS_MAX));
             return None;
         }
         let mut steps = Vec::with_capacity(list.len());
@@ -322,7 +322,7 @@ impl<'t> Reader<'t> {
             Step::Set(..) => 0,
         });
         if waits.fold(0, u64::saturating_add) > SCENE_MAX.0 {
-            self.problem(value.span(), &path, Kind::TooLong(SCENE_MAX));
+            self.problem(value.span(), &path, Invalid::TooLong(SCENE_MAX));
             return None;
         }
         Some(Scene { name, steps })
@@ -348,7 +348,7 @@ impl<'t> Reader<'t> {
             }
             (None, None, Some(time)) => Some(Step::Wait(time)),
             _ => {
-                self.problem(value.span(), path, Kind::BadStep);
+                self.problem(value.span(), path, Invalid::BadStep);
                 None
             }
         }
@@ -364,7 +364,7 @@ impl<'t> Reader<'t> {
     ) -> Option<Place> {
         let place = self.place(root, config, (span, path), name)?;
         if place.point.kind != PointKind::Output {
-            self.problem(span.clone(), path, Kind::NotAnOutput);
+            self.problem(span.clone(), path, Invalid::NotAnOutput);
             return None;
         }
         Some(place)
@@ -383,7 +383,7 @@ impl<'t> Reader<'t> {
         let known = config.modules.get(module);
         let point = known.and_then(|known| known.setup.point(label));
         if point.is_none() && (known.is_some() || !is_named(root, "module", module)) {
-            self.problem(span.clone(), path, Kind::NoSuchPath);
+            self.problem(span.clone(), path, Invalid::NoSuchPath);
         }
         point.map(|point| Place::new(module, point))
     }

@@ -1,7 +1,7 @@
 //! The settings that a module should have, from `[module.NAME.settings]`: `plan` compares them and
 //! `apply` writes them. Address, speed, parity and checksum are among the module's own keys.
 
-use super::Kind;
+use super::Invalid;
 use super::read::{Reader, Section, Value};
 use railbus_commission::settings::{Key, Wanted, Wrong, settings};
 use railbus_device::Setup;
@@ -62,14 +62,14 @@ fn one<'t>(
         .collect();
     if !known.iter().any(|key| key.to_string() == name) {
         let known = known.iter().map(Key::to_string).collect();
-        reader.problem(at, &path, Kind::NoSuchSetting(known));
+        reader.problem(at, &path, Invalid::NoSuchSetting(known));
         return;
     }
     let Some(text) = value.get_ref().as_str() else {
-        reader.problem(value.span(), &path, Kind::WrongType("text in quotes"));
+        reader.problem(value.span(), &path, Invalid::WrongType("text in quotes"));
         return;
     };
     if let Err(Wrong::Value(_, _, possible)) = wanted.set(setup, name, text) {
-        reader.problem(value.span(), &path, Kind::BadSetting(possible));
+        reader.problem(value.span(), &path, Invalid::BadSetting(possible));
     }
 }

@@ -23,7 +23,7 @@ const ALWAYS: Millionths = 1_000_000;
 
 /// A fault of a module, or of a line and all its modules.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Fault {
+pub enum InjectedFault {
     /// It receives and executes requests, and never answers.
     Mute,
     /// It receives nothing.
@@ -60,12 +60,12 @@ pub enum Fault {
     Stuck(u8),
 }
 
-impl Fault {
+impl InjectedFault {
     /// Whether a module has only one of the two at a time: the later replaces the earlier.
     #[must_use]
-    pub fn excludes(self, other: Fault) -> bool {
+    pub fn excludes(self, other: InjectedFault) -> bool {
         match (self, other) {
-            (Fault::Stuck(one), Fault::Stuck(other)) => one == other,
+            (InjectedFault::Stuck(one), InjectedFault::Stuck(other)) => one == other,
             _ => discriminant(&self) == discriminant(&other),
         }
     }
@@ -73,24 +73,24 @@ impl Fault {
     /// Whether it affects replies, and can therefore be limited to a number of them.
     const fn is_of_replies(self) -> bool {
         match self {
-            Fault::Mute
-            | Fault::Flip(_)
-            | Fault::Skip(_)
-            | Fault::Glitch(_)
-            | Fault::Delay(..)
-            | Fault::Duplicate(_)
-            | Fault::Split(..)
-            | Fault::Babble(Some(_))
-            | Fault::Bad => true,
-            Fault::Deaf
-            | Fault::Dead
-            | Fault::Echo
-            | Fault::Drop(_)
-            | Fault::Noise(_)
-            | Fault::Babble(None)
-            | Fault::Cuts(..)
-            | Fault::DupAddress(_)
-            | Fault::Stuck(_) => false,
+            InjectedFault::Mute
+            | InjectedFault::Flip(_)
+            | InjectedFault::Skip(_)
+            | InjectedFault::Glitch(_)
+            | InjectedFault::Delay(..)
+            | InjectedFault::Duplicate(_)
+            | InjectedFault::Split(..)
+            | InjectedFault::Babble(Some(_))
+            | InjectedFault::Bad => true,
+            InjectedFault::Deaf
+            | InjectedFault::Dead
+            | InjectedFault::Echo
+            | InjectedFault::Drop(_)
+            | InjectedFault::Noise(_)
+            | InjectedFault::Babble(None)
+            | InjectedFault::Cuts(..)
+            | InjectedFault::DupAddress(_)
+            | InjectedFault::Stuck(_) => false,
         }
     }
 }
@@ -108,7 +108,7 @@ pub enum Noise {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FaultOrder {
     /// The fault.
-    pub fault: Fault,
+    pub fault: InjectedFault,
     /// Its duration; if `None`, until it is cleared.
     pub lasts: Option<Micros>,
     /// The number of the module's replies it is limited to; unlimited if `None`.
@@ -217,38 +217,38 @@ fn read<'t>(
     name: &str,
     words: &mut std::iter::Peekable<impl Iterator<Item = &'t str>>,
     of: FaultsOf<'_>,
-) -> Option<Fault> {
+) -> Option<InjectedFault> {
     let fault = match name {
-        "mute" => Fault::Mute,
-        "deaf" => Fault::Deaf,
-        "dead" => Fault::Dead,
-        "echo" => Fault::Echo,
-        "drop" => Fault::Drop(chance(words.next()?)?),
-        "flip" => Fault::Flip(chance(words.next()?)?),
-        "skip" => Fault::Skip(chance(words.next()?)?),
-        "glitch" => Fault::Glitch(chance(words.next()?)?),
-        "duplicate" => Fault::Duplicate(chance(words.next()?)?),
+        "mute" => InjectedFault::Mute,
+        "deaf" => InjectedFault::Deaf,
+        "dead" => InjectedFault::Dead,
+        "echo" => InjectedFault::Echo,
+        "drop" => InjectedFault::Drop(chance(words.next()?)?),
+        "flip" => InjectedFault::Flip(chance(words.next()?)?),
+        "skip" => InjectedFault::Skip(chance(words.next()?)?),
+        "glitch" => InjectedFault::Glitch(chance(words.next()?)?),
+        "duplicate" => InjectedFault::Duplicate(chance(words.next()?)?),
         "noise" => {
             let word = words.next()?;
             let every = often(word).map(Noise::Every);
-            Fault::Noise(every.or_else(|| chance(word).map(Noise::Chance))?)
+            InjectedFault::Noise(every.or_else(|| chance(word).map(Noise::Chance))?)
         }
         "delay" => {
             let (from, to) = spread(words.next()?)?;
-            Fault::Delay(from, to)
+            InjectedFault::Delay(from, to)
         }
-        "split" => Fault::Split(chance(words.next()?)?, positive(words.next()?)?),
-        "cuts" => Fault::Cuts(often(words.next()?)?, often(words.next()?)?),
+        "split" => InjectedFault::Split(chance(words.next()?)?, positive(words.next()?)?),
+        "cuts" => InjectedFault::Cuts(often(words.next()?)?, often(words.next()?)?),
         "babble" => {
             let of_replies = words.peek().and_then(|word| chance(word));
             if of_replies.is_some() {
                 words.next();
             }
-            Fault::Babble(of_replies)
+            InjectedFault::Babble(of_replies)
         }
-        "bad" => Fault::Bad,
-        "stuck" => Fault::Stuck(output(words.next()?, of)?),
-        _ => Fault::DupAddress(words.next()?.parse().ok()?),
+        "bad" => InjectedFault::Bad,
+        "stuck" => InjectedFault::Stuck(output(words.next()?, of)?),
+        _ => InjectedFault::DupAddress(words.next()?.parse().ok()?),
     };
     Some(fault)
 }
@@ -315,7 +315,7 @@ mod tests {
         Setup::new(Family::Erc8, Address(1))
     }
 
-    fn one(text: &str) -> Result<(Fault, Option<Micros>), FaultError> {
+    fn one(text: &str) -> Result<(InjectedFault, Option<Micros>), FaultError> {
         let oven = oven();
         let of_line = ["echo", "noise"].iter().any(|name| text.starts_with(name));
         let of = match of_line {
@@ -349,13 +349,13 @@ mod tests {
     fn chances_and_times_are_read() {
         let millis = Micros::from_millis;
         for text in ["drop 5%", "drop 0.05", "drop 5e-2"] {
-            assert_eq!(one(text), Ok((Fault::Drop(50_000), None)), "{text}");
+            assert_eq!(one(text), Ok((InjectedFault::Drop(50_000), None)), "{text}");
         }
         for text in ["delay 200ms±50", "delay 200ms+-50ms"] {
-            let expected = Fault::Delay(millis(150), millis(250));
+            let expected = InjectedFault::Delay(millis(150), millis(250));
             assert_eq!(one(text), Ok((expected, None)), "{text}");
         }
-        let noise = |noise| Ok((Fault::Noise(noise), None));
+        let noise = |noise| Ok((InjectedFault::Noise(noise), None));
         assert_eq!(one("noise 1e-4"), noise(Noise::Chance(100)));
         assert_eq!(one("noise 2s"), noise(Noise::Every(millis(2_000))));
     }
@@ -410,9 +410,15 @@ mod tests {
             let all = parse_faults(text, FaultsOf::Module(&oven));
             all.map(|all| (all[0].fault, all[0].times, all[0].lasts))
         };
-        assert_eq!(counted("bad once"), Ok((Fault::Bad, Some(1), None)));
-        assert_eq!(counted("mute for 3x"), Ok((Fault::Mute, Some(3), None)));
-        assert_eq!(counted("stuck k3"), Ok((Fault::Stuck(2), None, None)));
+        assert_eq!(counted("bad once"), Ok((InjectedFault::Bad, Some(1), None)));
+        assert_eq!(
+            counted("mute for 3x"),
+            Ok((InjectedFault::Mute, Some(3), None))
+        );
+        assert_eq!(
+            counted("stuck k3"),
+            Ok((InjectedFault::Stuck(2), None, None))
+        );
         assert!(counted("bad 0x").is_err() && counted("bad 1000001x").is_err());
     }
 }

@@ -43,17 +43,17 @@ impl Generation {
 
 /// Keeps a configuration file and its generations. All methods block on the disk.
 #[derive(Clone, Debug)]
-pub struct Keeper {
+pub struct ConfigFile {
     file: PathBuf,
     folder: PathBuf,
 }
 
-impl Keeper {
+impl ConfigFile {
     /// A keeper of this file, with the state folder of the site. Neither has to exist yet.
     #[must_use]
-    pub fn new(file: PathBuf, state: &Path) -> Keeper {
+    pub fn new(file: PathBuf, state: &Path) -> ConfigFile {
         let folder = state.join(FOLDER);
-        Keeper { file, folder }
+        ConfigFile { file, folder }
     }
 
     /// The file.
@@ -199,8 +199,8 @@ mod tests {
             Folder(folder)
         }
 
-        fn keeper(&self) -> Keeper {
-            Keeper::new(self.0.join("railbus.toml"), &self.0.join("state"))
+        fn keeper(&self) -> ConfigFile {
+            ConfigFile::new(self.0.join("railbus.toml"), &self.0.join("state"))
         }
     }
 
@@ -210,7 +210,7 @@ mod tests {
         }
     }
 
-    fn told(keeper: &Keeper) -> Vec<(u64, Option<String>, String)> {
+    fn told(keeper: &ConfigFile) -> Vec<(u64, Option<String>, String)> {
         let kept = keeper.generations().into_iter();
         kept.map(|kept| (kept.id, kept.who, kept.text)).collect()
     }

@@ -3,7 +3,7 @@
 
 use super::Config;
 use super::change::Keys;
-use super::problem::Kind;
+use super::problem::Invalid;
 use super::read::{Reader, Section, Value};
 use serde_json::{Number, Value as Json};
 use toml::de::{DeTable, DeValue};
@@ -34,7 +34,7 @@ impl<'t> Reader<'t> {
         self.named(value, "outlet", |reader, name, section| {
             count += 1;
             if count > OUTLETS_MAX {
-                let kind = Kind::TooMany(OUTLETS_MAX);
+                let kind = Invalid::TooMany(OUTLETS_MAX);
                 reader.problem(section.place_of(OUTLET_TYPE), &section.path, kind);
             } else if let Some(outlet) = reader.outlet(&section) {
                 config.outlets.insert(name, outlet);
@@ -62,7 +62,7 @@ impl<'t> Reader<'t> {
     fn setting(&mut self, value: &Value<'t>, path: &str) -> Option<Json> {
         let found = json(value.get_ref());
         if found.is_none() {
-            let wanted = Kind::WrongType("text, number, true / false, or list of them");
+            let wanted = Invalid::WrongType("text, number, true / false, or list of them");
             self.problem(value.span(), path, wanted);
         }
         found

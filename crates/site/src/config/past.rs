@@ -1,6 +1,6 @@
 //! How much history and audit log is kept: the tables `[history]` and `[audit]`.
 
-use super::Kind;
+use super::Invalid;
 use super::read::{Reader, Section, Value};
 use railbus_store::history::Keep;
 use railbus_wire::Micros;
@@ -19,7 +19,7 @@ const UNITS: [(&str, u64); 4] = [
 
 /// The limits of history and audit log.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Past {
+pub struct PastLimits {
     /// The limits of the history.
     pub history: Keep,
     /// Nothing is switched unless its audit entry could be written first.
@@ -30,14 +30,14 @@ pub struct Past {
 
 impl<'t> Reader<'t> {
     /// `[history]`.
-    pub(super) fn history(&mut self, value: &Value<'t>, past: &mut Past) -> Option<()> {
+    pub(super) fn history(&mut self, value: &Value<'t>, past: &mut PastLimits) -> Option<()> {
         let table = self.table(value, "history")?;
         let section = Section::of("history".to_owned(), value, table);
         self.check_keys(&section, &HISTORY_KEYS);
         let age = self.optional(&section, "keep", |reader, value, path| {
             let age = age(&reader.string(value, path)?);
             if age.is_none() {
-                reader.problem(value.span(), path, Kind::WrongType("\"90d\""));
+                reader.problem(value.span(), path, Invalid::WrongType("\"90d\""));
             }
             age
         });
@@ -51,7 +51,7 @@ impl<'t> Reader<'t> {
     }
 
     /// `[audit]`.
-    pub(super) fn audit(&mut self, value: &Value<'t>, past: &mut Past) -> Option<()> {
+    pub(super) fn audit(&mut self, value: &Value<'t>, past: &mut PastLimits) -> Option<()> {
         let table = self.table(value, "audit")?;
         let section = Section::of("audit".to_owned(), value, table);
         self.check_keys(&section, &AUDIT_KEYS);
@@ -65,7 +65,7 @@ impl<'t> Reader<'t> {
         self.optional(section, "max_bytes", |reader, value, path| {
             let bytes = bytes(&reader.string(value, path)?);
             if bytes.is_none() {
-                reader.problem(value.span(), path, Kind::WrongType("\"2GB\""));
+                reader.problem(value.span(), path, Invalid::WrongType("\"2GB\""));
             }
             bytes
         })

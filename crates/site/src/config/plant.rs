@@ -2,7 +2,7 @@
 //! `[module.NAME.sim]`. Only `railbus sim` uses them; the other readers just validate them.
 
 use super::read::{Reader, Section, Value};
-use super::{FaultOrder, FaultsOf, Kind, parse_faults};
+use super::{FaultOrder, FaultsOf, Invalid, parse_faults};
 use railbus_device::{Applies, Options, Point, PointKind, Setup};
 use railbus_wire::Micros;
 use std::collections::BTreeMap;
@@ -155,7 +155,7 @@ impl<'t> Reader<'t> {
         plant.speed = self.optional(&section, "speed", |reader, value, path| {
             let speed = reader.number(value, path)?;
             if !(0.01..=1_000.0).contains(&speed) {
-                reader.problem(value.span(), path, Kind::WrongType("0.01 … 1000"));
+                reader.problem(value.span(), path, Invalid::WrongType("0.01 … 1000"));
                 return None;
             }
             Some(speed)
@@ -170,7 +170,7 @@ impl<'t> Reader<'t> {
         let tcp = self.optional(&section, "tcp", |reader, value, path| {
             let address = reader.string(value, path)?.parse().ok();
             if address.is_none() {
-                reader.problem(value.span(), path, Kind::WrongType("\"127.0.0.1:4001\""));
+                reader.problem(value.span(), path, Invalid::WrongType("\"127.0.0.1:4001\""));
             }
             address
         });
@@ -239,7 +239,7 @@ impl<'t> Reader<'t> {
             let text = reader.string(value, path)?;
             let faults = parse_faults(&text, of);
             faults
-                .map_err(|why| reader.problem(value.span(), path, Kind::BadFault(why)))
+                .map_err(|why| reader.problem(value.span(), path, Invalid::BadFault(why)))
                 .ok()
         })?;
         Some(faults.unwrap_or_default())
@@ -266,11 +266,11 @@ impl<'t> Reader<'t> {
                     inputs.insert(point, self.analog(value, &path)?);
                 }
                 Some(_) => {
-                    self.problem(label.span(), &path, Kind::NotAnInput);
+                    self.problem(label.span(), &path, Invalid::NotAnInput);
                     return None;
                 }
                 None => {
-                    self.problem(label.span(), &path, Kind::NoSuchPoint);
+                    self.problem(label.span(), &path, Invalid::NoSuchPoint);
                     return None;
                 }
             }
@@ -325,7 +325,7 @@ impl<'t> Reader<'t> {
         let every = self.duration(section, "every")??;
         if every < Micros::from_millis(100) {
             let path = format!("{}.every", section.path);
-            self.problem(section.place_of("every"), &path, Kind::BadDuration);
+            self.problem(section.place_of("every"), &path, Invalid::BadDuration);
             return None;
         }
         Some(every)
@@ -334,7 +334,7 @@ impl<'t> Reader<'t> {
     fn hundredths(&mut self, value: &Value<'t>, path: &str) -> Option<i16> {
         let hundredths = (self.number(value, path)? * 100.0).round();
         if !(-32_768.0..=32_767.0).contains(&hundredths) {
-            self.problem(value.span(), path, Kind::OutOfRange(-327, 327));
+            self.problem(value.span(), path, Invalid::OutOfRange(-327, 327));
             return None;
         }
         Some(hundredths as i16)

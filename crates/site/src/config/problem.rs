@@ -7,7 +7,7 @@ use railbus_wire::Micros;
 
 /// A problem and its position.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Problem {
+pub struct ConfigProblem {
     /// The line in the text, from 1.
     pub line: usize,
     /// The column in characters, from 1.
@@ -15,13 +15,13 @@ pub struct Problem {
     /// The path of the table or key, as `module.pump.address`; empty for the whole text.
     pub path: String,
     /// What is wrong.
-    pub kind: Kind,
+    pub kind: Invalid,
 }
 
 /// What is wrong.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
-pub enum Kind {
+pub enum Invalid {
     /// The text is no TOML; the parser's own message.
     Syntax(String),
     /// An unknown key, and the one probably meant.
@@ -93,42 +93,42 @@ pub enum Kind {
     AddressTaken(String),
 }
 
-impl Kind {
+impl Invalid {
     /// The stable code of this kind of problem; its first two digits are the exit code.
     #[must_use]
     pub const fn code(&self) -> &'static str {
         match self {
-            Kind::Syntax(_) => "E0811",
-            Kind::UnknownKey(_) => "E0812",
-            Kind::MissingKey(_) => "E0813",
-            Kind::WrongType(_) => "E0814",
-            Kind::NotOneOf(_) => "E0815",
-            Kind::OutOfRange(..) => "E0816",
-            Kind::BadName => "E0817",
-            Kind::BadDuration => "E0818",
-            Kind::BadRange => "E0819",
-            Kind::NoSuchLine => "E0820",
-            Kind::NoSuchModule => "E0801",
-            Kind::NoSuchPoint => "E0821",
-            Kind::Setup(_) => "E0822",
-            Kind::AddressTaken(_) => "E0823",
-            Kind::NoSuchSetting(_) => "E0840",
-            Kind::BadSetting(_) => "E0841",
-            Kind::BadPort(_) => "E0825",
-            Kind::PortTaken(_) => "E0826",
-            Kind::BadFault(_) => "E0890",
-            Kind::NoSuchPath => "E0821",
-            Kind::NotAnOutput => "E0865",
-            Kind::InterlockSelf => "E0866",
-            Kind::NamedTwice => "E0867",
-            Kind::TooMany(_) | Kind::TooLong(_) => "E0868",
-            Kind::BadStep => "E0869",
-            Kind::BadCondition | Kind::BadTime => "E0871",
-            Kind::BadAction | Kind::BadText(_) => "E0872",
-            Kind::NeedsPerson => "E0873",
-            Kind::OtherUnit(_) => "E0874",
-            Kind::BadUrl => "E0876",
-            Kind::NotAnInput => "E0893",
+            Invalid::Syntax(_) => "E0811",
+            Invalid::UnknownKey(_) => "E0812",
+            Invalid::MissingKey(_) => "E0813",
+            Invalid::WrongType(_) => "E0814",
+            Invalid::NotOneOf(_) => "E0815",
+            Invalid::OutOfRange(..) => "E0816",
+            Invalid::BadName => "E0817",
+            Invalid::BadDuration => "E0818",
+            Invalid::BadRange => "E0819",
+            Invalid::NoSuchLine => "E0820",
+            Invalid::NoSuchModule => "E0801",
+            Invalid::NoSuchPoint => "E0821",
+            Invalid::Setup(_) => "E0822",
+            Invalid::AddressTaken(_) => "E0823",
+            Invalid::NoSuchSetting(_) => "E0840",
+            Invalid::BadSetting(_) => "E0841",
+            Invalid::BadPort(_) => "E0825",
+            Invalid::PortTaken(_) => "E0826",
+            Invalid::BadFault(_) => "E0890",
+            Invalid::NoSuchPath => "E0821",
+            Invalid::NotAnOutput => "E0865",
+            Invalid::InterlockSelf => "E0866",
+            Invalid::NamedTwice => "E0867",
+            Invalid::TooMany(_) | Invalid::TooLong(_) => "E0868",
+            Invalid::BadStep => "E0869",
+            Invalid::BadCondition | Invalid::BadTime => "E0871",
+            Invalid::BadAction | Invalid::BadText(_) => "E0872",
+            Invalid::NeedsPerson => "E0873",
+            Invalid::OtherUnit(_) => "E0874",
+            Invalid::BadUrl => "E0876",
+            Invalid::NotAnInput => "E0893",
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use super::read::{Reader, Section};
 use super::values::as_number;
-use super::{Kind, Range, Standard};
+use super::{Invalid, Range, Standard};
 use toml::de::DeValue;
 
 pub(super) const RANGE_KEYS: [&str; 5] = ["signal", "low", "high", "unit", "decimals"];
@@ -41,7 +41,7 @@ impl<'t> Reader<'t> {
             }
             _ => {}
         }
-        self.problem(value.span(), &path, Kind::BadRange);
+        self.problem(value.span(), &path, Invalid::BadRange);
         None
     }
 }

@@ -2,7 +2,8 @@
 
 use super::control::{Name, Pending};
 use super::{
-    Config, Kind, LineConfig, ModuleConfig, Place, PointConfig, Problem, Range, SimModule, unpolled,
+    Config, ConfigProblem, Invalid, LineConfig, ModuleConfig, Place, PointConfig, Range, SimModule,
+    unpolled,
 };
 use railbus_bus::{EchoMode, Plan};
 use railbus_device::{Family, Layout, PointKind, Setup, SetupError};
@@ -70,7 +71,7 @@ const LAYOUTS: [(&str, Layout); 3] = [
 
 pub(super) type Value<'t> = Spanned<DeValue<'t>>;
 
-pub(super) fn read(text: &str) -> Result<Config, Vec<Problem>> {
+pub(super) fn read(text: &str) -> Result<Config, Vec<ConfigProblem>> {
     let mut reader = Reader {
         text,
         problems: Vec::new(),
@@ -79,7 +80,7 @@ pub(super) fn read(text: &str) -> Result<Config, Vec<Problem>> {
     let config = match DeTable::parse(text) {
         Ok(root) => reader.root(root.get_ref()),
         Err(error) => {
-            let kind = Kind::Syntax(error.message().to_owned());
+            let kind = Invalid::Syntax(error.message().to_owned());
             reader.problem(error.span().unwrap_or(0..0), "", kind);
             Config::default()
         }
@@ -123,7 +124,7 @@ fn line_and_column(text: &str, span: &Span<usize>) -> (usize, usize) {
 
 pub(super) struct Reader<'t> {
     text: &'t str,
-    problems: Vec<Problem>,
+    problems: Vec<ConfigProblem>,
     pub(super) pending: Vec<Pending>,
 }
 
@@ -148,9 +149,9 @@ impl<'r, 't> Section<'r, 't> {
 }
 
 impl<'t> Reader<'t> {
-    pub(super) fn problem(&mut self, span: Span<usize>, path: &str, kind: Kind) {
+    pub(super) fn problem(&mut self, span: Span<usize>, path: &str, kind: Invalid) {
         let (line, column) = line_and_column(self.text, &span);
-        self.problems.push(Problem {
+        self.problems.push(ConfigProblem {
             line,
             column,
             path: path.to_owned(),
@@ -179,7 +180,7 @@ impl<'t> Reader<'t> {
                         if let Some(line) = line {
                             if let Some(other) = taken.insert(line.port.clone(), name.clone()) {
                                 let path = format!("{path}.port");
-                                reader.problem(port_at, &path, Kind::PortTaken(other));
+                                reader.problem(port_at, &path, Invalid::PortTaken(other));
                             }
                             config.lines.insert(name, line);
                         }
@@ -199,7 +200,7 @@ impl<'t> Reader<'t> {
                 }
                 other => {
                     let meant = closest(other, &ROOT_KEYS);
-                    self.problem(key.span(), other, Kind::UnknownKey(meant));
+                    self.problem(key.span(), other, Invalid::UnknownKey(meant));
                 }
             }
         }
@@ -215,7 +216,7 @@ impl<'t> Reader<'t> {
                     let place = (module.line.clone(), protocol, address);
                     if let Some(other) = taken.insert(place, name.clone()) {
                         let path = format!("{path}.address");
-                        reader.problem(address_at, &path, Kind::AddressTaken(other));
+                        reader.problem(address_at, &path, Invalid::AddressTaken(other));
                     }
                     config.plant.modules.insert(name.clone(), sim);
                     config.modules.insert(name, module);
@@ -242,7 +243,7 @@ impl<'t> Reader<'t> {
         for (name, value) in tables {
             let path = format!("{kind}.{}", name.get_ref());
             if !is_slug(name.get_ref()) {
-                self.problem(name.span(), &path, Kind::BadName);
+                self.problem(name.span(), &path, Invalid::BadName);
                 continue;
             }
             if let Some(table) = self.table(value, &path) {
@@ -263,7 +264,7 @@ impl<'t> Reader<'t> {
     ) -> Option<&'r DeTable<'t>> {
         let table = value.get_ref().as_table();
         if table.is_none() {
-            self.problem(value.span(), path, Kind::WrongType("table"));
+            self.problem(value.span(), path, Invalid::WrongType("table"));
         }
         table
     }
@@ -273,7 +274,7 @@ impl<'t> Reader<'t> {
             let name = key.get_ref().as_ref();
             if !known.contains(&name) {
                 let path = format!("{}.{name}", section.path);
-                self.problem(key.span(), &path, Kind::UnknownKey(closest(name, known)));
+                self.problem(key.span(), &path, Invalid::UnknownKey(closest(name, known)));
             }
         }
     }
@@ -286,7 +287,7 @@ impl<'t> Reader<'t> {
         let port = self.required(&section, "port", |reader, value, path| {
             let port = reader.string(value, path)?;
             if let Err(why) = port.parse::<LineName>() {
-                reader.problem(value.span(), path, Kind::BadPort(why));
+                reader.problem(value.span(), path, Invalid::BadPort(why));
                 return None;
             }
             Some(port)
@@ -312,7 +313,7 @@ impl<'t> Reader<'t> {
                 let rate = self.integer(value, &path)?;
                 let baud = u32::try_from(rate).ok().and_then(Baud::from_rate);
                 if baud.is_none() {
-                    self.problem(value.span(), &path, Kind::NotOneOf(Baud::NAMES.to_vec()));
+                    self.problem(value.span(), &path, Invalid::NotOneOf(Baud::NAMES.to_vec()));
                 }
                 baud
             }
@@ -343,7 +344,7 @@ impl<'t> Reader<'t> {
             self.problem(
                 value.span(),
                 &format!("{}.line", section.path),
-                Kind::NoSuchLine,
+                Invalid::NoSuchLine,
             );
         }
         let address = self.required(&section, "address", |reader, value, path| {
@@ -355,7 +356,7 @@ impl<'t> Reader<'t> {
                 self.problem(
                     section.span.clone(),
                     &section.path,
-                    Kind::MissingKey("model"),
+                    Invalid::MissingKey("model"),
                 );
                 return None;
             }
@@ -366,7 +367,11 @@ impl<'t> Reader<'t> {
         if let Err(error) = setup.check() {
             let key = key_of(error);
             let span = section.place_of(key);
-            self.problem(span, &format!("{}.{key}", section.path), Kind::Setup(error));
+            self.problem(
+                span,
+                &format!("{}.{key}", section.path),
+                Invalid::Setup(error),
+            );
             return None;
         }
         let points = self.points(&section, &setup);
@@ -459,7 +464,7 @@ impl<'t> Reader<'t> {
         for (label, value) in tables {
             let path = format!("{path}.{}", label.get_ref());
             let Some(point) = setup.point(label.get_ref()) else {
-                self.problem(label.span(), &path, Kind::NoSuchPoint);
+                self.problem(label.span(), &path, Invalid::NoSuchPoint);
                 continue;
             };
             if let Some(table) = self.table(value, &path) {
@@ -485,7 +490,7 @@ impl<'t> Reader<'t> {
         let range = self.range(section)?;
         if range.is_some() && place.point.kind != PointKind::Analog {
             let path = format!("{}.range", section.path);
-            self.problem(section.place_of("range"), &path, Kind::UnknownKey(None));
+            self.problem(section.place_of("range"), &path, Invalid::UnknownKey(None));
             return None;
         }
         let Name { en, zh } = self.name(section)?;

@@ -1,7 +1,7 @@
 //! Rules: actions that are executed automatically when a condition has held for some time.
 
 use super::control::is_named;
-use super::problem::Kind;
+use super::problem::Invalid;
 use super::read::{Reader, Section, Value};
 use super::{Config, Name, Place, SAFETY_MAX};
 use crate::PULSE_MAX;
@@ -151,7 +151,7 @@ impl<'t> Reader<'t> {
     pub(super) fn rules(&mut self, value: &Value<'t>, root: &DeTable<'t>, config: &mut Config) {
         let count = value.get_ref().as_table().map_or(0, |rules| rules.len());
         if count > RULES_MAX {
-            self.problem(value.span(), "rule", Kind::TooMany(RULES_MAX));
+            self.problem(value.span(), "rule", Invalid::TooMany(RULES_MAX));
             return;
         }
         let mut read = Vec::with_capacity(count);
@@ -178,11 +178,11 @@ impl<'t> Reader<'t> {
         let at = section.place_of("for");
         let path = format!("{}.for", section.path);
         if matches!(when, When::Clock(_)) && hold != Micros(0) {
-            self.problem(at, &path, Kind::BadCondition);
+            self.problem(at, &path, Invalid::BadCondition);
             return None;
         }
         if hold > SAFETY_MAX {
-            self.problem(at, &path, Kind::TooLong(SAFETY_MAX));
+            self.problem(at, &path, Invalid::TooLong(SAFETY_MAX));
             return None;
         }
         Some(Rule {
@@ -206,13 +206,13 @@ impl<'t> Reader<'t> {
             (Some("time"), None) => &["days"],
             (Some(_), None) => &[],
             _ => {
-                self.problem(value.span(), path, Kind::BadCondition);
+                self.problem(value.span(), path, Invalid::BadCondition);
                 return None;
             }
         };
         let is_odd = |key: &&str| !mains.contains(key) && !of_main.contains(key) && has(key);
         if WHEN_KEYS.iter().any(is_odd) {
-            self.problem(value.span(), path, Kind::BadCondition);
+            self.problem(value.span(), path, Invalid::BadCondition);
             return None;
         }
         if has("point") {
@@ -230,12 +230,12 @@ impl<'t> Reader<'t> {
             (None, Some(line)) if is_named(known.0, "line", &line) => Some(When::LineOffline(line)),
             (Some(_), _) => {
                 let at = section.place_of("module_offline");
-                self.problem(at, path, Kind::NoSuchModule);
+                self.problem(at, path, Invalid::NoSuchModule);
                 None
             }
             (None, _) => {
                 let at = section.place_of("line_offline");
-                self.problem(at, path, Kind::NoSuchLine);
+                self.problem(at, path, Invalid::NoSuchLine);
                 None
             }
         }
@@ -278,7 +278,7 @@ impl<'t> Reader<'t> {
                 Some(When::Analog(place, limit))
             }
             _ => {
-                self.problem(value.span(), &section.path, Kind::BadCondition);
+                self.problem(value.span(), &section.path, Invalid::BadCondition);
                 None
             }
         }
@@ -295,7 +295,7 @@ impl<'t> Reader<'t> {
             _ => "",
         };
         if said != unit {
-            let kind = Kind::OtherUnit(unit.to_owned());
+            let kind = Invalid::OtherUnit(unit.to_owned());
             self.problem(section.place_of("unit"), &section.path, kind);
             return None;
         }
@@ -306,7 +306,7 @@ impl<'t> Reader<'t> {
     fn finite(&mut self, value: &Value<'t>, path: &str) -> Option<f64> {
         let number = self.number(value, path)?;
         if !number.is_finite() || path.ends_with(".hysteresis") && number < 0.0 {
-            self.problem(value.span(), path, Kind::BadCondition);
+            self.problem(value.span(), path, Invalid::BadCondition);
             return None;
         }
         Some(number)
@@ -316,7 +316,7 @@ impl<'t> Reader<'t> {
         let (hour, minute) = self.required(section, "time", |reader, value, path| {
             let time = value.get_ref().as_str().and_then(time_of_day);
             if time.is_none() {
-                reader.problem(value.span(), path, Kind::BadTime);
+                reader.problem(value.span(), path, Invalid::BadTime);
             }
             time
         })?;
@@ -331,14 +331,14 @@ impl<'t> Reader<'t> {
     fn days(&mut self, value: &Value<'t>, path: &str) -> Option<u8> {
         let names = DAYS.map(|(name, _)| name).to_vec();
         let Some(list) = value.get_ref().as_array().filter(|list| !list.is_empty()) else {
-            self.problem(value.span(), path, Kind::NotOneOf(names));
+            self.problem(value.span(), path, Invalid::NotOneOf(names));
             return None;
         };
         let mut days = 0;
         for each in list.iter() {
             let said = each.get_ref().as_str();
             let Some((_, bit)) = DAYS.iter().find(|(name, _)| said == Some(*name)) else {
-                self.problem(each.span(), path, Kind::NotOneOf(names));
+                self.problem(each.span(), path, Invalid::NotOneOf(names));
                 return None;
             };
             days |= 1 << bit;
@@ -353,15 +353,15 @@ impl<'t> Reader<'t> {
         path: &str,
     ) -> Option<Vec<Action>> {
         let Some(list) = value.get_ref().as_array() else {
-            self.problem(value.span(), path, Kind::WrongType("list of actions"));
+            self.problem(value.span(), path, Invalid::WrongType("list of actions"));
             return None;
         };
         if list.is_empty() {
-            self.problem(value.span(), path, Kind::BadAction);
+            self.problem(value.span(), path, Invalid::BadAction);
             return None;
         }
         if list.len() > ACTIONS_MAX {
-            self.problem(value.span(), path, Kind::TooMany(ACTIONS_MAX));
+            self.problem(value.span(), path, Invalid::TooMany(ACTIONS_MAX));
             return None;
         }
         let actions: Vec<_> = list
@@ -394,13 +394,13 @@ impl<'t> Reader<'t> {
             (None, None, None, None, Some(text)) => {
                 if text.trim().is_empty() || text.chars().count() > NOTICE_MAX {
                     let at = section.place_of("notify");
-                    self.problem(at, path, Kind::BadText(NOTICE_MAX));
+                    self.problem(at, path, Invalid::BadText(NOTICE_MAX));
                     return None;
                 }
                 Some(Action::Notify(text))
             }
             _ => {
-                self.problem(value.span(), path, Kind::BadAction);
+                self.problem(value.span(), path, Invalid::BadAction);
                 None
             }
         }
@@ -416,7 +416,7 @@ impl<'t> Reader<'t> {
         let place = self.output(root, config, (span, path), name)?;
         let asks = config.safety(&place).and_then(|safety| safety.confirm);
         if asks.is_some() {
-            self.problem(span.clone(), path, Kind::NeedsPerson);
+            self.problem(span.clone(), path, Invalid::NeedsPerson);
             return None;
         }
         Some(place)
@@ -434,11 +434,11 @@ impl<'t> Reader<'t> {
         let (at, path) = (section.place_of("width"), &section.path);
         match width {
             None if family.datasheet().pulses != PulseTiming::Stored => {
-                self.problem(at, path, Kind::MissingKey("width"));
+                self.problem(at, path, Invalid::MissingKey("width"));
                 None
             }
             Some(width) if width.0 == 0 || width > PULSE_MAX => {
-                self.problem(at, path, Kind::TooLong(PULSE_MAX));
+                self.problem(at, path, Invalid::TooLong(PULSE_MAX));
                 None
             }
             width => Some(Action::Pulse(place, width)),

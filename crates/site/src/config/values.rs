@@ -1,6 +1,6 @@
 //! Values of keys: what they must be, and what is wrong with them.
 
-use super::Kind;
+use super::Invalid;
 use super::read::{Reader, Section, Value};
 use railbus_wire::Micros;
 use toml::de::DeValue;
@@ -15,7 +15,11 @@ impl<'t> Reader<'t> {
         match section.table.get(key) {
             Some(value) => read(self, value, &format!("{}.{key}", section.path)),
             None => {
-                self.problem(section.span.clone(), &section.path, Kind::MissingKey(key));
+                self.problem(
+                    section.span.clone(),
+                    &section.path,
+                    Invalid::MissingKey(key),
+                );
                 None
             }
         }
@@ -45,7 +49,7 @@ impl<'t> Reader<'t> {
             let found = choices.iter().find(|(name, _)| text == Some(*name));
             if found.is_none() {
                 let names = choices.iter().map(|(name, _)| *name).collect();
-                reader.problem(value.span(), path, Kind::NotOneOf(names));
+                reader.problem(value.span(), path, Invalid::NotOneOf(names));
             }
             found.map(|(_, choice)| *choice)
         })
@@ -59,7 +63,7 @@ impl<'t> Reader<'t> {
     pub(super) fn truth(&mut self, value: &Value<'t>, path: &str) -> Option<bool> {
         let found = value.get_ref().as_bool();
         if found.is_none() {
-            self.problem(value.span(), path, Kind::WrongType("true / false"));
+            self.problem(value.span(), path, Invalid::WrongType("true / false"));
         }
         found
     }
@@ -84,7 +88,7 @@ impl<'t> Reader<'t> {
         self.optional(section, key, |reader, value, path| {
             let found = value.get_ref().as_str().and_then(Micros::parse);
             if found.is_none() {
-                reader.problem(value.span(), path, Kind::BadDuration);
+                reader.problem(value.span(), path, Invalid::BadDuration);
             }
             found
         })
@@ -93,7 +97,7 @@ impl<'t> Reader<'t> {
     pub(super) fn string(&mut self, value: &Value<'t>, path: &str) -> Option<String> {
         let found = value.get_ref().as_str().map(str::to_owned);
         if found.is_none() {
-            self.problem(value.span(), path, Kind::WrongType("text in quotes"));
+            self.problem(value.span(), path, Invalid::WrongType("text in quotes"));
         }
         found
     }
@@ -101,7 +105,7 @@ impl<'t> Reader<'t> {
     pub(super) fn number(&mut self, value: &Value<'t>, path: &str) -> Option<f64> {
         let found = as_number(value.get_ref());
         if found.is_none() {
-            self.problem(value.span(), path, Kind::WrongType("number"));
+            self.problem(value.span(), path, Invalid::WrongType("number"));
         }
         found
     }
@@ -110,7 +114,7 @@ impl<'t> Reader<'t> {
         let number = value.get_ref().as_integer();
         let found = number.and_then(|n| i64::from_str_radix(n.as_str(), n.radix()).ok());
         if found.is_none() {
-            self.problem(value.span(), path, Kind::WrongType("whole number"));
+            self.problem(value.span(), path, Invalid::WrongType("whole number"));
         }
         found
     }
@@ -126,7 +130,7 @@ impl<'t> Reader<'t> {
         if (low..=high).contains(&number) {
             return Some(number);
         }
-        self.problem(value.span(), path, Kind::OutOfRange(low, high));
+        self.problem(value.span(), path, Invalid::OutOfRange(low, high));
         None
     }
 }

@@ -1,7 +1,7 @@
 //! The receivers of events over HTTP: the tables `[webhook.<id>]`.
 
 use super::Config;
-use super::problem::Kind;
+use super::problem::Invalid;
 use super::read::{Reader, Section, Value};
 use railbus_store::history::{Event, EventKind, Severity};
 use std::collections::{BTreeMap, BTreeSet};
@@ -72,7 +72,7 @@ impl<'t> Reader<'t> {
         self.named(value, "webhook", |reader, name, section| {
             count += 1;
             if count > WEBHOOKS_MAX {
-                let kind = Kind::TooMany(WEBHOOKS_MAX);
+                let kind = Invalid::TooMany(WEBHOOKS_MAX);
                 reader.problem(section.place_of("url"), &section.path, kind);
             } else if let Some(hook) = reader.webhook(root, config, &section) {
                 read.insert(name, hook);
@@ -109,7 +109,7 @@ impl<'t> Reader<'t> {
         if is_url(&url) {
             return Some(url);
         }
-        self.problem(value.span(), path, Kind::BadUrl);
+        self.problem(value.span(), path, Invalid::BadUrl);
         None
     }
 
@@ -122,7 +122,7 @@ impl<'t> Reader<'t> {
             let Some(kind) = EventKind::from_name(&name) else {
                 let names = EventKind::ALL.iter().map(|kind| kind.name());
                 let path = format!("{}.events", section.path);
-                self.problem(span, &path, Kind::NotOneOf(names.collect()));
+                self.problem(span, &path, Invalid::NotOneOf(names.collect()));
                 return None;
             };
             kinds.insert(kind);
@@ -149,8 +149,8 @@ impl<'t> Reader<'t> {
             if !known.contains_key(&name) && !is_written {
                 let path = format!("{}.{key}", section.path);
                 let problem = match kind {
-                    "line" => Kind::NoSuchLine,
-                    _ => Kind::NoSuchModule,
+                    "line" => Invalid::NoSuchLine,
+                    _ => Invalid::NoSuchModule,
                 };
                 self.problem(span, &path, problem);
             }

@@ -1,7 +1,7 @@
 //! Another configuration, while the site is at work: what is done is decided in the core.
 
 use super::{Service, lock};
-use crate::config::Problem;
+use crate::config::ConfigProblem;
 use crate::core::Store;
 use crate::{Config, Failure, Reloaded};
 use railbus_host::Fault;
@@ -13,7 +13,7 @@ use tokio::task::JoinError;
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum ReloadError {
     /// The text has these problems.
-    Problems(Vec<Problem>),
+    Problems(Vec<ConfigProblem>),
     /// [`Failure::RoleTooLow`], or [`Failure::Limited`] where it changes more than the names of
     /// points that the caller is limited to; [`Fault::Overloaded`] where too many reloads and loans
     /// wait. [`Fault::Closed`] where the site ends: the text may be written, and is in force with
@@ -21,8 +21,8 @@ pub enum ReloadError {
     Refused(Failure),
 }
 
-impl From<Vec<Problem>> for ReloadError {
-    fn from(problems: Vec<Problem>) -> ReloadError {
+impl From<Vec<ConfigProblem>> for ReloadError {
+    fn from(problems: Vec<ConfigProblem>) -> ReloadError {
         ReloadError::Problems(problems)
     }
 }
