@@ -47,4 +47,4 @@ pub use service::{
     ModuleStatus, PointNow, PointStatus, RawTerms, ReloadError, RuleStatus, STEPS, Sent, Service,
     StartError, Update, Updates, Work, is_refused,
 };
-pub use truth::{Change, PointState, Pulses, Quality, Reason, Site, Value};
+pub use truth::{BadReason, PointChange, PointQuality, PointState, PointValue, Pulses, Site};

@@ -12,7 +12,7 @@ use std::time::SystemTime;
 
 /// The value of a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Value {
+pub enum PointValue {
     /// An output is on, or an input is high or open.
     Bool(bool),
     /// An analog value in its unit, and the register it was read from.
@@ -23,18 +23,18 @@ pub enum Value {
 
 /// How far a value can be trusted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Quality {
+pub enum PointQuality {
     /// Read, and not older than the module's maximum age.
     Good,
     /// Read, but older than that.
     Stale,
     /// There is no current value; if there is one at all, it is the last that was read.
-    Bad(Reason),
+    Bad(BadReason),
 }
 
 /// Why there is no current value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Reason {
+pub enum BadReason {
     /// It was never read.
     NeverRead,
     /// Its module does not answer.
@@ -55,7 +55,7 @@ pub enum Reason {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PointState {
     /// The last value read.
-    pub value: Value,
+    pub value: PointValue,
     /// When the request that read it began: the value may be as old as that.
     pub read: Instant,
     /// The same on the wall clock. It is fixed with the reading: whenever it is printed, and even
@@ -65,15 +65,15 @@ pub struct PointState {
 
 /// The value of a point changed.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Change {
+pub struct PointChange {
     /// Its module.
     pub module: String,
     /// Which point.
     pub point: Point,
     /// The previous value, if known.
-    pub before: Option<Value>,
+    pub before: Option<PointValue>,
     /// The new value.
-    pub value: Value,
+    pub value: PointValue,
 }
 
 /// What is known of a module.
@@ -211,7 +211,7 @@ impl Site {
         seen: &Observation,
         read: Instant,
         time: SystemTime,
-    ) -> Vec<Change> {
+    ) -> Vec<PointChange> {
         let Some(config) = self.config.modules.get(module) else {
             return Vec::new();
         };
@@ -230,7 +230,7 @@ impl Site {
             let before = state.points.insert(point, PointState { value, read, time });
             let before = before.map(|before| before.value);
             if before != Some(value) {
-                changes.push(Change {
+                changes.push(PointChange {
                     module: module.to_owned(),
                     point,
                     before,
@@ -283,7 +283,12 @@ impl Site {
 
     /// The last reading of a point, and its quality now.
     #[must_use]
-    pub fn point(&self, module: &str, point: Point, now: Instant) -> (Option<PointState>, Quality) {
+    pub fn point(
+        &self,
+        module: &str,
+        point: Point,
+        now: Instant,
+    ) -> (Option<PointState>, PointQuality) {
         let known = self
             .modules
             .get(module)
@@ -295,14 +300,16 @@ impl Site {
             .get(module)
             .map(|config| config.plan.max_age);
         let quality = match (known, self.presence(module), max_age) {
-            (_, Presence::OtherModel, Some(_)) => Quality::Bad(Reason::OtherModel),
-            (None, Presence::Silent, Some(_)) => Quality::Bad(Reason::Offline),
-            (None, ..) | (_, _, None) => Quality::Bad(Reason::NeverRead),
-            (Some(_), Presence::Silent | Presence::Unheard, _) => Quality::Bad(Reason::Offline),
-            (Some(state), Presence::Online, Some(max_age)) if now.since(state.read) > max_age => {
-                Quality::Stale
+            (_, Presence::OtherModel, Some(_)) => PointQuality::Bad(BadReason::OtherModel),
+            (None, Presence::Silent, Some(_)) => PointQuality::Bad(BadReason::Offline),
+            (None, ..) | (_, _, None) => PointQuality::Bad(BadReason::NeverRead),
+            (Some(_), Presence::Silent | Presence::Unheard, _) => {
+                PointQuality::Bad(BadReason::Offline)
             }
-            (Some(_), Presence::Online, Some(_)) => Quality::Good,
+            (Some(state), Presence::Online, Some(max_age)) if now.since(state.read) > max_age => {
+                PointQuality::Stale
+            }
+            (Some(_), Presence::Online, Some(_)) => PointQuality::Good,
         };
         (known, quality)
     }
@@ -319,11 +326,11 @@ fn model_of(seen: &Observation) -> Option<String> {
 }
 
 /// The points in a reply.
-fn values(config: &ModuleConfig, seen: &Observation) -> Vec<(Point, Value)> {
+fn values(config: &ModuleConfig, seen: &Observation) -> Vec<(Point, PointValue)> {
     let bank = |kind, bank: Bank| {
         (0..config.setup.count(kind)).filter_map(move |index| {
             let state = bank.get(Channel::new(index)?)?;
-            Some((Point { kind, index }, Value::Bool(state)))
+            Some((Point { kind, index }, PointValue::Bool(state)))
         })
     };
     match *seen {
@@ -338,7 +345,7 @@ fn values(config: &ModuleConfig, seen: &Observation) -> Vec<(Point, Value)> {
                     index,
                 };
                 let value = config.range_of(point).value(register);
-                (point, Value::Analog(value, register))
+                (point, PointValue::Analog(value, register))
             })
             .collect(),
         Observation::Variable(index, value) => {
@@ -347,7 +354,7 @@ fn values(config: &ModuleConfig, seen: &Observation) -> Vec<(Point, Value)> {
                     kind: PointKind::Variable,
                     index,
                 },
-                Value::Number(value.get()),
+                PointValue::Number(value.get()),
             )]
         }
         _ => Vec::new(),

@@ -2,7 +2,7 @@
 
 use railbus_device::{Bank, Observation, Point, PointKind};
 use railbus_host::Presence;
-use railbus_site::{Config, Quality, Reason, Site, Value};
+use railbus_site::{BadReason, Config, PointQuality, PointValue, Site};
 use railbus_wire::{Instant, Micros};
 use std::time::SystemTime;
 
@@ -43,25 +43,25 @@ fn a_value_is_good_then_stale_then_bad() {
     let at = |millis| Instant(0) + Micros::from_millis(millis);
     let mut site = site();
     let quality = |site: &Site, millis| site.point("oven", K1, at(millis)).1;
-    assert_eq!(quality(&site, 0), Quality::Bad(Reason::NeverRead));
+    assert_eq!(quality(&site, 0), PointQuality::Bad(BadReason::NeverRead));
     site.heard("oven", Presence::Online);
     assert_eq!(
         quality(&site, 0),
-        Quality::Bad(Reason::NeverRead),
+        PointQuality::Bad(BadReason::NeverRead),
         "heard, but never read"
     );
     site.saw("oven", &outputs(1), at(100), WALL);
-    assert_eq!(quality(&site, 2_100), Quality::Good);
-    assert_eq!(quality(&site, 2_101), Quality::Stale);
+    assert_eq!(quality(&site, 2_100), PointQuality::Good);
+    assert_eq!(quality(&site, 2_101), PointQuality::Stale);
     site.heard("oven", Presence::Silent);
-    assert_eq!(quality(&site, 200), Quality::Bad(Reason::Offline));
+    assert_eq!(quality(&site, 200), PointQuality::Bad(BadReason::Offline));
     let (known, _) = site.point("oven", K1, at(200));
-    assert_eq!(known.map(|known| known.value), Some(Value::Bool(true)));
+    assert_eq!(known.map(|known| known.value), Some(PointValue::Bool(true)));
     site.heard("oven", Presence::Online);
-    assert_eq!(quality(&site, 200), Quality::Good);
+    assert_eq!(quality(&site, 200), PointQuality::Good);
     assert_eq!(
         site.point("nobody", K1, at(0)).1,
-        Quality::Bad(Reason::NeverRead)
+        PointQuality::Bad(BadReason::NeverRead)
     );
 }
 
@@ -75,8 +75,8 @@ fn only_what_is_new_is_told() {
     let told = site.saw("oven", &outputs(1), Instant(2), WALL);
     assert_eq!(told.len(), 1);
     assert_eq!(told[0].point, K1);
-    assert_eq!(told[0].before, Some(Value::Bool(false)));
-    assert_eq!(told[0].value, Value::Bool(true));
+    assert_eq!(told[0].before, Some(PointValue::Bool(false)));
+    assert_eq!(told[0].value, PointValue::Bool(true));
     assert!(site.saw("nobody", &outputs(1), Instant(3), WALL).is_empty());
 }
 
@@ -91,7 +91,7 @@ fn analog_registers_are_hundredths() {
     let (known, _) = site.point("tank", point, Instant(0));
     assert_eq!(
         known.map(|known| known.value),
-        Some(Value::Analog(8.71, 871))
+        Some(PointValue::Analog(8.71, 871))
     );
 }
 
@@ -119,8 +119,8 @@ point.ai2 = { range = { signal = "4-20mA", low = 0, high = 16, unit = "bar" } }
         let (known, _) = site.point("tank", Point { kind, index }, Instant(0));
         known.map(|known| known.value)
     };
-    assert_eq!(value(0), Some(Value::Analog(12.0, 1_200)));
-    assert_eq!(value(1), Some(Value::Analog(8.0, 1_200)));
+    assert_eq!(value(0), Some(PointValue::Analog(12.0, 1_200)));
+    assert_eq!(value(1), Some(PointValue::Analog(8.0, 1_200)));
 }
 
 #[test]

@@ -64,8 +64,12 @@ pub fn module(service: &Service, status: ModuleStatus) -> ModuleInfo {
         of_kind
             .map(|status| match (status.quality, status.value) {
                 // Its state a while ago says nothing about its present one.
-                (railbus_site::Quality::Good, Some(railbus_site::Value::Bool(true))) => '1',
-                (railbus_site::Quality::Good, Some(railbus_site::Value::Bool(false))) => '0',
+                (railbus_site::PointQuality::Good, Some(railbus_site::PointValue::Bool(true))) => {
+                    '1'
+                }
+                (railbus_site::PointQuality::Good, Some(railbus_site::PointValue::Bool(false))) => {
+                    '0'
+                }
                 _ => '?',
             })
             .collect()
@@ -153,19 +157,19 @@ pub(super) const fn kind(kind: PointKind) -> Kind {
 }
 
 /// The register of an analog value.
-pub(super) const fn raw(value: Option<railbus_site::Value>) -> Option<u16> {
+pub(super) const fn raw(value: Option<railbus_site::PointValue>) -> Option<u16> {
     match value {
-        Some(railbus_site::Value::Analog(_, register)) => Some(register),
+        Some(railbus_site::PointValue::Analog(_, register)) => Some(register),
         _ => None,
     }
 }
 
 /// The quality of a value, and why it is bad.
-pub(super) const fn quality(quality: railbus_site::Quality) -> (Quality, Option<Reason>) {
+pub(super) const fn quality(quality: railbus_site::PointQuality) -> (Quality, Option<Reason>) {
     match quality {
-        railbus_site::Quality::Good => (Quality::Good, None),
-        railbus_site::Quality::Stale => (Quality::Stale, None),
-        railbus_site::Quality::Bad(why) => (Quality::Bad, Some(reason(why))),
+        railbus_site::PointQuality::Good => (Quality::Good, None),
+        railbus_site::PointQuality::Stale => (Quality::Stale, None),
+        railbus_site::PointQuality::Bad(why) => (Quality::Bad, Some(reason(why))),
     }
 }
 
@@ -194,8 +198,8 @@ pub fn from_now(left: Duration) -> Option<String> {
 }
 
 /// Why a value is bad.
-const fn reason(why: railbus_site::Reason) -> Reason {
-    use railbus_site::Reason as R;
+const fn reason(why: railbus_site::BadReason) -> Reason {
+    use railbus_site::BadReason as R;
     match why {
         R::NeverRead => Reason::NeverRead,
         R::Offline => Reason::Offline,
@@ -221,11 +225,11 @@ pub fn command(command: railbus_site::Command) -> CommandInfo {
 }
 
 /// A value.
-pub const fn value(value: railbus_site::Value) -> Value {
+pub const fn value(value: railbus_site::PointValue) -> Value {
     match value {
-        railbus_site::Value::Bool(on) => Value::Bool(on),
-        railbus_site::Value::Analog(value, _) => Value::Analog(value),
-        railbus_site::Value::Number(number) => Value::Number(number),
+        railbus_site::PointValue::Bool(on) => Value::Bool(on),
+        railbus_site::PointValue::Analog(value, _) => Value::Analog(value),
+        railbus_site::PointValue::Number(number) => Value::Number(number),
     }
 }
 

@@ -120,7 +120,7 @@ impl<'a> Printer<'a> {
 mod tests {
     use super::*;
     use railbus_api::types::PointInfo;
-    use railbus_site::{Left, PointStatus, Quality, Reason, Value};
+    use railbus_site::{BadReason, Left, PointQuality, PointStatus, PointValue};
     use railbus_wire::Micros;
     use std::time::{Duration, UNIX_EPOCH};
 
@@ -149,23 +149,23 @@ k3.confirm = true
 
     fn states() -> Vec<PointNow> {
         let reasons = [
-            Reason::NeverRead,
-            Reason::Offline,
-            Reason::OtherModel,
-            Reason::LineAbsent,
-            Reason::LineBusy,
-            Reason::Exclusive,
-            Reason::LineClosed,
+            BadReason::NeverRead,
+            BadReason::Offline,
+            BadReason::OtherModel,
+            BadReason::LineAbsent,
+            BadReason::LineBusy,
+            BadReason::Exclusive,
+            BadReason::LineClosed,
         ];
-        let qualities = [Quality::Good, Quality::Stale].into_iter();
-        let qualities = qualities.chain(reasons.map(Quality::Bad));
+        let qualities = [PointQuality::Good, PointQuality::Stale].into_iter();
+        let qualities = qualities.chain(reasons.map(PointQuality::Bad));
         let values = [
             None,
-            Some((Value::Bool(true), 1_499, 0)),
-            Some((Value::Bool(false), 0, 1_700_000_000_999_999)),
-            Some((Value::Analog(-12.5, 4_095), 86_400_000_000, 1_234)),
-            Some((Value::Analog(f64::NAN, 0), 1, 1_235)),
-            Some((Value::Number(16_777_215), 12, 2_000)),
+            Some((PointValue::Bool(true), 1_499, 0)),
+            Some((PointValue::Bool(false), 0, 1_700_000_000_999_999)),
+            Some((PointValue::Analog(-12.5, 4_095), 86_400_000_000, 1_234)),
+            Some((PointValue::Analog(f64::NAN, 0), 1, 1_235)),
+            Some((PointValue::Number(16_777_215), 12, 2_000)),
         ];
         let left = |pulse, lease, max_on| {
             let left = [pulse, lease, max_on].map(|secs: u64| (secs > 0).then_some(secs));

@@ -4,7 +4,7 @@
 
 use super::state::State;
 use crate::config::Place;
-use crate::{Change, Failure, Quality, Value};
+use crate::{Failure, PointChange, PointQuality, PointValue};
 use railbus_wire::{Instant, Micros};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -101,29 +101,29 @@ impl State {
         let doubt = output.and_then(|output| output.doubt);
         known.is_some_and(|known| {
             let after = doubt.is_none_or(|doubt| known.read >= doubt);
-            quality == Quality::Good && after && known.value == Value::Bool(wanted)
+            quality == PointQuality::Good && after && known.value == PointValue::Bool(wanted)
         })
     }
 
     /// Takes a reading into account.
-    pub(super) fn watch_off(&mut self, change: &Change) {
+    pub(super) fn watch_off(&mut self, change: &PointChange) {
         let place = Place::new(&change.module, change.point);
         match (change.value, change.before) {
-            (Value::Bool(true), _) => {
+            (PointValue::Bool(true), _) => {
                 if let Some(output) = self.guard.outputs.get_mut(&place) {
                     output.free_at = None;
                 }
             }
             // First seen: what is known from before the start goes on.
-            (Value::Bool(false), None) => {
+            (PointValue::Bool(false), None) => {
                 let known = self.guard.outputs.get(&place);
                 let free_at = known.and_then(|output| output.free_at);
                 if free_at.is_none() && self.guard.polls {
                     self.went_off(&place, self.now.site);
                 }
             }
-            (Value::Bool(false), Some(_)) => self.went_off(&place, self.now.site),
-            (Value::Analog(..) | Value::Number(_), _) => {}
+            (PointValue::Bool(false), Some(_)) => self.went_off(&place, self.now.site),
+            (PointValue::Analog(..) | PointValue::Number(_), _) => {}
         }
     }
 

@@ -8,7 +8,7 @@ use super::state::State;
 use super::{LineId, Output};
 use crate::config::Config;
 use crate::service::{Busy, Update};
-use crate::{Failure, Reason};
+use crate::{BadReason, Failure};
 use railbus_host::{Fault, LineState, PortError};
 use railbus_wire::Micros;
 use std::collections::VecDeque;
@@ -38,7 +38,7 @@ pub(crate) struct LineNow {
     /// Another program has had its port since it was last open: its modules may have moved.
     pub(super) was_lent: bool,
     /// Why nothing can be known over it, as its points were last published.
-    pub(super) told: Option<Reason>,
+    pub(super) told: Option<BadReason>,
     /// When its clock began, in the time of the site: values grow old without it, too.
     pub(crate) began: Micros,
     /// The names of its modules, by their numbers on the line; empty for those that left.
@@ -68,16 +68,16 @@ impl LineNow {
 
     /// Why nothing can be known over it now. One that is only just being opened may have nothing
     /// to tell yet, but is no fault.
-    pub(super) fn fault(&self) -> Option<Reason> {
+    pub(super) fn fault(&self) -> Option<BadReason> {
         match &self.state {
-            _ if self.lent.is_some() => Some(Reason::Exclusive),
+            _ if self.lent.is_some() => Some(BadReason::Exclusive),
             LineState::Up | LineState::Opening => None,
             LineState::Absent(why) => Some(match **why {
-                PortError::Busy { .. } => Reason::LineBusy,
-                PortError::Exclusive => Reason::Exclusive,
-                _ => Reason::LineAbsent,
+                PortError::Busy { .. } => BadReason::LineBusy,
+                PortError::Exclusive => BadReason::Exclusive,
+                _ => BadReason::LineAbsent,
             }),
-            LineState::Closed => Some(Reason::LineClosed),
+            LineState::Closed => Some(BadReason::LineClosed),
         }
     }
 }

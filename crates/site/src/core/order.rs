@@ -10,7 +10,7 @@ use super::state::State;
 use super::turns::Turn;
 use super::within::TTL;
 use crate::config::{Place, Safety};
-use crate::{Failure, Value, WriteDone};
+use crate::{Failure, PointValue, WriteDone};
 use railbus_device::{Bank, Module, Observation, Op, Point};
 use railbus_host::{Confirmation, Done, Fault};
 use railbus_store::audit::{End, Note};
@@ -399,7 +399,7 @@ impl State {
         // What was never sent has begun no longest time; one that ran before goes on.
         for (place, number) in limits {
             let known = self.site.point(&place.module, place.point, from).0;
-            if known.is_none_or(|known| known.value != Value::Bool(true)) {
+            if known.is_none_or(|known| known.value != PointValue::Bool(true)) {
                 self.schedule.leave_out_one(*number);
             }
         }

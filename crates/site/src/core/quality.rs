@@ -6,7 +6,7 @@ use super::promises::{Key, Why};
 use crate::config::Place;
 use crate::service::Update;
 use crate::truth::PointState;
-use crate::{Quality, Value};
+use crate::{PointQuality, PointValue};
 use railbus_device::Point;
 use railbus_wire::{Instant, Micros, PulseWidth};
 use std::collections::{BTreeMap, BTreeSet};
@@ -14,8 +14,8 @@ use std::collections::{BTreeMap, BTreeSet};
 /// The last reported state of a point.
 #[derive(Clone, Debug, PartialEq)]
 struct Told {
-    value: Option<Value>,
-    quality: Quality,
+    value: Option<PointValue>,
+    quality: PointQuality,
     /// When a pulse, a lease and the longest time end, in the time of the site.
     ends: [Option<Micros>; 3],
     pulse: Option<PulseWidth>,
@@ -127,12 +127,12 @@ impl State {
             let (known, quality) = self.site.point(module, point, now);
             let is = Told {
                 value: known.map(|known| known.value),
-                quality: fault.map_or(quality, Quality::Bad),
+                quality: fault.map_or(quality, PointQuality::Bad),
                 ends: self.qualities.ends_of(module, point),
                 pulse: pulses.and_then(|pulses| pulses.of(point)),
             };
-            told.is_good &= is.quality == Quality::Good;
-            if is.quality == Quality::Good
+            told.is_good &= is.quality == PointQuality::Good;
+            if is.quality == PointQuality::Good
                 && let Some(PointState { read, .. }) = known
             {
                 // The first moment at which it is too old.

@@ -6,9 +6,9 @@ use super::context::Context;
 use super::state::State;
 use crate::config::{Action, Config, Place, Rule, When};
 use crate::rights::Who;
-use crate::rules::{Deadline, Engine, Fact, Moment, Output, Phase};
+use crate::rules::{Deadline, Fact, Moment, Output, Phase, RuleEngine};
 use crate::service::{RuleStatus, Update};
-use crate::{Failure, Pulse, Quality, Value, WriteTerms};
+use crate::{Failure, PointQuality, PointValue, Pulse, WriteTerms};
 use jiff::tz::TimeZone;
 use railbus_host::{LineState, PortError, Presence};
 use railbus_store::audit::Origin;
@@ -41,7 +41,7 @@ pub(crate) struct RuleStates {
 pub(crate) struct RuleNow {
     rule: Rule,
     /// None where it is not armed.
-    pub(crate) engine: Option<Engine>,
+    pub(crate) engine: Option<RuleEngine>,
     pub(crate) is_known: bool,
     /// When it is asked again, in the time of the site.
     wakes_at: Option<Micros>,
@@ -107,7 +107,7 @@ impl RuleNow {
         if !rule.armed {
             self.engine = None;
         } else if !goes_on {
-            self.engine = Some(Engine::new(rule, zone.clone()));
+            self.engine = Some(RuleEngine::new(rule, zone.clone()));
             self.is_known = rule.when.is_clock();
         }
         self.rule = rule.clone();
@@ -177,7 +177,7 @@ impl RuleStates {
             && let (Some(engine), Some(zone)) = (&mut rule.engine, &self.zone)
             && engine.phase() == Phase::Stopped
         {
-            *engine = Engine::new(&rule.rule, zone.clone());
+            *engine = RuleEngine::new(&rule.rule, zone.clone());
             rule.is_known = false;
             (rule.wakes_at, self.next) = (Some(now), Some(now));
         }
@@ -317,10 +317,10 @@ impl State {
         let now = self.line_time(&place.module);
         let (known, quality) = self.site.point(&place.module, place.point, now);
         match (known, quality, self.line_fault(&module.line)) {
-            (Some(known), Quality::Good, None) => match known.value {
-                Value::Bool(is) => Fact::Is(is),
-                Value::Analog(value, _) => Fact::Value(value),
-                Value::Number(number) => Fact::Value(f64::from(number)),
+            (Some(known), PointQuality::Good, None) => match known.value {
+                PointValue::Bool(is) => Fact::Is(is),
+                PointValue::Analog(value, _) => Fact::Value(value),
+                PointValue::Number(number) => Fact::Value(f64::from(number)),
             },
             _ => Fact::Unknown,
         }

@@ -15,7 +15,7 @@ use crate::config::{ModuleConfig, Place};
 use crate::health::Health;
 use crate::rights::Who;
 use crate::service::Update;
-use crate::{Change, Config, Failure, Quality, Reason, Site, Value};
+use crate::{BadReason, Config, Failure, PointChange, PointQuality, PointValue, Site};
 use railbus_device::{Point, PointKind};
 use railbus_host::{Event, Fault, LineEvent, LineState, ModuleId, Presence};
 use railbus_wire::{Instant, Micros};
@@ -60,7 +60,7 @@ pub(crate) struct State {
     /// Outputs whose policy for the end of the site is not done yet.
     pub(super) exiting: BTreeSet<Place>,
     /// Outputs that the event that is being applied has shown in another state.
-    pub(super) changed: Vec<Change>,
+    pub(super) changed: Vec<PointChange>,
     /// Modules that are heard again by it.
     pub(super) returned: Vec<String>,
     /// Modules that are heard by it, and were not before.
@@ -215,8 +215,8 @@ impl State {
     pub(super) fn output(&self, module: &str, point: Point) -> Option<bool> {
         let (known, _) = self.site.point(module, point, Instant(0));
         match known?.value {
-            Value::Bool(on) => Some(on),
-            Value::Analog(..) | Value::Number(_) => None,
+            PointValue::Bool(on) => Some(on),
+            PointValue::Analog(..) | PointValue::Number(_) => None,
         }
     }
 
@@ -224,7 +224,7 @@ impl State {
     pub(super) fn known(&self, place: &Place) -> Option<bool> {
         let status = self.point_of(&place.module, place.point)?;
         match (status.quality, status.value) {
-            (Quality::Good, Some(Value::Bool(on))) => Some(on),
+            (PointQuality::Good, Some(PointValue::Bool(on))) => Some(on),
             _ => None,
         }
     }
@@ -270,7 +270,7 @@ impl State {
     }
 
     /// Why nothing can be known over a line now.
-    pub(crate) fn line_fault(&self, line: &str) -> Option<Reason> {
+    pub(crate) fn line_fault(&self, line: &str) -> Option<BadReason> {
         self.lines.get(line)?.fault()
     }
 

@@ -11,7 +11,7 @@ use super::turns::Turn;
 use super::within::TTL;
 use crate::config::Place;
 use crate::service::lock;
-use crate::{Change, Failure, Value, WriteDone};
+use crate::{Failure, PointChange, PointValue, WriteDone};
 use railbus_device::{Bank, Op};
 use railbus_host::{Confirmation, Fault};
 use railbus_store::audit::{Note, Origin};
@@ -406,19 +406,19 @@ impl Context {
     }
 
     /// An output was seen in another state: it may be on for so long only.
-    pub(super) fn watch_on(&self, change: &Change) {
+    pub(super) fn watch_on(&self, change: &PointChange) {
         let place = Place::new(&change.module, change.point);
         match change.value {
-            Value::Bool(true) => {
+            PointValue::Bool(true) => {
                 if let Some(timer) = self.limit_on(&place) {
                     self.spawn(timer.promised());
                 }
             }
-            Value::Bool(false) => self.with(|state| {
+            PointValue::Bool(false) => self.with(|state| {
                 let key = (place, Why::MaxOn);
                 state.schedule.leave_out(|other| *other == key);
             }),
-            Value::Analog(..) | Value::Number(_) => {}
+            PointValue::Analog(..) | PointValue::Number(_) => {}
         }
     }
 
@@ -454,7 +454,7 @@ impl Context {
         let (limited, dropped) = self.with(|state| {
             let on = |place: &Place| {
                 let (known, _) = state.site.point(&place.module, place.point, Instant(0));
-                known.is_some_and(|known| known.value == Value::Bool(true))
+                known.is_some_and(|known| known.value == PointValue::Bool(true))
             };
             let is_limited = |place: &Place| {
                 let safety = state.site.config().safety(place);

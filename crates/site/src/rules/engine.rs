@@ -69,7 +69,7 @@ pub enum Phase {
 
 /// One rule in operation.
 #[derive(Clone, Debug)]
-pub struct Engine {
+pub struct RuleEngine {
     when: When,
     hold: Micros,
     zone: TimeZone,
@@ -80,11 +80,11 @@ pub struct Engine {
     next: Option<(i64, i64)>,
 }
 
-impl Engine {
+impl RuleEngine {
     /// A rule with no facts yet. Times of day are in this zone.
     #[must_use]
-    pub fn new(rule: &Rule, zone: TimeZone) -> Engine {
-        Engine {
+    pub fn new(rule: &Rule, zone: TimeZone) -> RuleEngine {
+        RuleEngine {
             when: rule.when.clone(),
             hold: rule.hold,
             zone,

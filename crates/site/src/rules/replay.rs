@@ -1,6 +1,6 @@
 //! Computes when a rule would have acted.
 
-use super::engine::{Deadline, Engine, Fact, Moment, Output};
+use super::engine::{Deadline, Fact, Moment, Output, RuleEngine};
 use crate::config::Rule;
 use jiff::tz::TimeZone;
 use railbus_wire::Micros;
@@ -30,7 +30,7 @@ pub struct Tried {
 /// A rule that is run over the past. It is given the facts in order of time.
 #[derive(Debug)]
 pub struct Replay {
-    engine: Engine,
+    engine: RuleEngine,
     now: i64,
     is_known: bool,
     tried: Tried,
@@ -43,7 +43,7 @@ impl Replay {
     pub fn new(rule: &Rule, zone: TimeZone, since: i64, until: i64) -> Replay {
         let is_clock = rule.when.is_clock();
         Replay {
-            engine: Engine::new(rule, zone),
+            engine: RuleEngine::new(rule, zone),
             // A clock rule has no earlier state, and facts about a point may be of any time before.
             now: if is_clock { since - 1 } else { 0 },
             is_known: is_clock,

@@ -4,7 +4,7 @@
 use super::{Follower, Inner, LineStatus, PointStatus, Service};
 use crate::core::{Begun, Context, News, State};
 use crate::rights::Who;
-use crate::{Failure, Quality, Value};
+use crate::{Failure, PointQuality, PointValue};
 use railbus_device::Point;
 use railbus_host::{LineState, Presence};
 use railbus_store::audit::{AuditLog, End, Note, Origin};
@@ -400,9 +400,9 @@ const UNKNOWN: Graded = (None, Grade::Bad);
 fn graded(status: &PointStatus) -> Graded {
     let value = status.value.map(number);
     match status.quality {
-        Quality::Good => (value, Grade::Good),
-        Quality::Stale => (value, Grade::Stale),
-        Quality::Bad(_) => UNKNOWN,
+        PointQuality::Good => (value, Grade::Good),
+        PointQuality::Stale => (value, Grade::Stale),
+        PointQuality::Bad(_) => UNKNOWN,
     }
 }
 
@@ -432,11 +432,11 @@ async fn next_notice(notices: &mut Option<mpsc::Receiver<Event>>) -> Event {
     std::future::pending().await
 }
 
-fn number(value: Value) -> f64 {
+fn number(value: PointValue) -> f64 {
     match value {
-        Value::Bool(on) => f64::from(u8::from(on)),
-        Value::Analog(value, _) => value,
-        Value::Number(number) => f64::from(number),
+        PointValue::Bool(on) => f64::from(u8::from(on)),
+        PointValue::Analog(value, _) => value,
+        PointValue::Number(number) => f64::from(number),
     }
 }
 
@@ -469,7 +469,7 @@ mod tests {
         };
         let read = |recorder: &mut Recorder, on| {
             let mut status = service.point("oven", first).unwrap();
-            (status.value, status.quality) = (Some(Value::Bool(on)), Quality::Good);
+            (status.value, status.quality) = (Some(PointValue::Bool(on)), PointQuality::Good);
             recorder.record(&status, SystemTime::now());
         };
         read(&mut recorder, true);

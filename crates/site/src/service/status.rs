@@ -3,7 +3,7 @@
 use super::Service;
 use crate::config::{ModuleConfig, Name, PointConfig, Range};
 use crate::core::State;
-use crate::{Config, Quality, Value};
+use crate::{Config, PointQuality, PointValue};
 use railbus_device::{Point, Setup};
 use railbus_host::{Evidence, LineState, Presence};
 use railbus_wire::{Instant, Micros, SerialSettings};
@@ -68,9 +68,9 @@ pub struct PointStatus {
     /// What the configuration says of it.
     pub config: PointConfig,
     /// Its last value.
-    pub value: Option<Value>,
+    pub value: Option<PointValue>,
     /// How far that can be trusted.
-    pub quality: Quality,
+    pub quality: PointQuality,
     /// How old it is at most.
     pub age: Option<Micros>,
     /// When the request began that read it, by the clock on the wall as it was then.
@@ -92,8 +92,8 @@ pub struct PointStatus {
 #[expect(missing_docs, reason = "they are those of `PointStatus`")]
 pub struct PointNow {
     pub point: Point,
-    pub value: Option<Value>,
-    pub quality: Quality,
+    pub value: Option<PointValue>,
+    pub quality: PointQuality,
     pub age: Option<Micros>,
     pub time: Option<SystemTime>,
     pub left: Left,
@@ -264,7 +264,7 @@ impl State {
         PointNow {
             point,
             value: known.map(|known| known.value),
-            quality: fault.map_or(quality, Quality::Bad),
+            quality: fault.map_or(quality, PointQuality::Bad),
             age: known.map(|known| now.since(known.read)),
             time: known.map(|known| known.time),
             left: self.left(module, point),

@@ -1,6 +1,6 @@
 //! Updates for subscribers.
 
-use crate::Change;
+use crate::PointChange;
 use crate::config::Place;
 use tokio::sync::broadcast;
 
@@ -8,7 +8,7 @@ use tokio::sync::broadcast;
 #[derive(Clone, Debug, PartialEq)]
 pub enum Update {
     /// A point got another value.
-    Point(Change),
+    Point(PointChange),
     /// A point has another quality: its value became stale, or was read again; its module is
     /// silent or back; its line was lost or lent.
     Quality(Place),

@@ -5,7 +5,7 @@ use jiff::Timestamp;
 use jiff::tz::TimeZone;
 use proptest::prelude::*;
 use railbus_site::rules::{
-    ACTS_PER_HOUR, Deadline, Engine, Fact, LATE_MAX_MS, Moment, Output, Phase,
+    ACTS_PER_HOUR, Deadline, Fact, LATE_MAX_MS, Moment, Output, Phase, RuleEngine,
 };
 use railbus_wire::Micros;
 
@@ -19,12 +19,12 @@ const fn at(ms: u64) -> Moment {
     }
 }
 
-fn engine(when: &str) -> Engine {
-    Engine::new(&rule(&format!("{when}\n{THEN}")), TimeZone::UTC)
+fn engine(when: &str) -> RuleEngine {
+    RuleEngine::new(&rule(&format!("{when}\n{THEN}")), TimeZone::UTC)
 }
 
 /// How often it acts at a moment.
-fn acts(engine: &mut Engine, ms: u64) -> usize {
+fn acts(engine: &mut RuleEngine, ms: u64) -> usize {
     let mut count = 0;
     while engine.poll(at(ms)) == Output::Act {
         count += 1;
@@ -124,7 +124,7 @@ fn a_time_of_day_comes_by_the_wall_clock_and_is_left_out_when_slept_through() {
         wall: wall(text),
     };
     let next = |text| Output::Wait(Some(Deadline::Wall(wall(text))));
-    let poll = |engine: &mut Engine, now: &str| engine.poll(moment(now));
+    let poll = |engine: &mut RuleEngine, now: &str| engine.poll(moment(now));
     let first = next("2026-11-22T06:30:00Z");
     assert_eq!(poll(&mut engine, "2026-11-22T06:00:00Z"), first);
     assert_eq!(poll(&mut engine, "2026-11-22T06:30:00Z"), Output::Act);

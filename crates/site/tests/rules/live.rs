@@ -2,7 +2,7 @@
 
 use crate::board::{self, Boards, k, until};
 use railbus_site::rules::Phase;
-use railbus_site::{Config, Events, Quality, Service};
+use railbus_site::{Config, Events, PointQuality, Service};
 use railbus_store::history::{Event, EventKind};
 use std::sync::Arc;
 use std::time::Duration;
@@ -27,7 +27,7 @@ async fn bench(rules: &str) -> Bench {
     let config = Config::parse(&text(&port, rules)).unwrap();
     let service = Service::start(config).unwrap();
     for module in ["oven", "yard"] {
-        until(|| service.point(module, k(1)).unwrap().quality == Quality::Good).await;
+        until(|| service.point(module, k(1)).unwrap().quality == PointQuality::Good).await;
     }
     let events = service.follow_events();
     service.run_rules();

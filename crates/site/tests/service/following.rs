@@ -2,7 +2,9 @@
 
 use crate::board::{self, k, until};
 use crate::{start, start_absent};
-use railbus_site::{Config, News, Picture, PointReading, Quality, Service, Value, WriteTerms};
+use railbus_site::{
+    Config, News, Picture, PointQuality, PointReading, PointValue, Service, WriteTerms,
+};
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
@@ -17,16 +19,16 @@ async fn picture(follower: &mut railbus_site::Follower) -> Arc<Picture> {
 async fn all_who_follow_are_given_the_same() {
     let (port, _relays) = board::start().await;
     let service = start(&port);
-    until(|| service.point("oven", k(1)).unwrap().quality == Quality::Good).await;
+    until(|| service.point("oven", k(1)).unwrap().quality == PointQuality::Good).await;
     let (mut one, mut other) = (service.follow(), service.follow());
     let known = picture(&mut one).await;
     assert!(Arc::ptr_eq(&known, &picture(&mut other).await));
-    assert_eq!(known.points[0].quality, Quality::Good);
+    assert_eq!(known.points[0].quality, PointQuality::Good);
     let set = [(k(1), true)];
     let written = service.write("oven", &set, WriteTerms::default());
     written.await.unwrap();
     let is_on = |reading: &PointReading| {
-        reading.status.point == k(1) && reading.status.value == Some(Value::Bool(true))
+        reading.status.point == k(1) && reading.status.value == Some(PointValue::Bool(true))
     };
     loop {
         let (News::Batch(a), News::Batch(b)) =
@@ -55,7 +57,7 @@ async fn a_value_that_nobody_reads_any_more_is_told_to_be_stale() {
     let service = Service::start(Config::parse(&text).unwrap()).unwrap();
     let mut follower = service.follow();
     let mut seen = Vec::new();
-    while seen != [Quality::Good, Quality::Stale] {
+    while seen != [PointQuality::Good, PointQuality::Stale] {
         if let Some(News::Batch(batch)) = follower.next().await {
             let of_first = batch.points.iter().filter(|p| p.status.point == k(1));
             seen.extend(of_first.map(|reading| reading.status.quality));

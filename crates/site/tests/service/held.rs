@@ -5,8 +5,8 @@ use crate::safety::{site, switch};
 use railbus_host::{LineState, Presence};
 use railbus_site::config::Place;
 use railbus_site::{
-    BatchTerms, Config, Failure, LOAN_MAX, LeaseTerms, Leased, Loan, Pulse, Quality, Reason,
-    Service, Within, WriteTerms,
+    BadReason, BatchTerms, Config, Failure, LOAN_MAX, LeaseTerms, Leased, Loan, PointQuality,
+    Pulse, Service, Within, WriteTerms,
 };
 use railbus_wire::Micros;
 use std::time::Duration;
@@ -101,7 +101,7 @@ fn named(port: &str, third: &str, fourth: &str) -> String {
 async fn two(port: &str) -> Service {
     let config = Config::parse(&named(port, "oven", "yard")).unwrap();
     let service = Service::start(config).unwrap();
-    let good = |module| service.point(module, k(1)).unwrap().quality == Quality::Good;
+    let good = |module| service.point(module, k(1)).unwrap().quality == PointQuality::Good;
     until(|| good("oven") && good("yard")).await;
     service
 }
@@ -169,7 +169,8 @@ async fn who_had_a_line_may_have_switched_an_output_off_just_now() {
     boards.set(3, 1);
     let is_on = |on| {
         let known = service.point("oven", k(1)).unwrap();
-        known.value == Some(railbus_site::Value::Bool(on)) && known.quality == Quality::Good
+        known.value == Some(railbus_site::PointValue::Bool(on))
+            && known.quality == PointQuality::Good
     };
     until(|| is_on(true)).await;
     tokio::time::sleep(Duration::from_millis(1_600)).await;
@@ -215,7 +216,7 @@ async fn a_module_that_left_while_its_line_was_lent_is_offline() {
     until(|| presence("oven") == Presence::Silent).await;
     until(|| presence("yard") == Presence::Online).await;
     let lost = service.point("oven", k(1)).unwrap().quality;
-    assert_eq!(lost, Quality::Bad(Reason::Offline));
+    assert_eq!(lost, PointQuality::Bad(BadReason::Offline));
     service.close().await;
 }
 
@@ -247,7 +248,7 @@ async fn what_was_known_of_a_silent_module_is_not_what_was_before() {
     let (service, boards) = site("").await;
     boards.mute(3, true);
     let quality = || service.point("oven", k(1)).unwrap().quality;
-    until(|| quality() == Quality::Bad(Reason::Offline)).await;
+    until(|| quality() == PointQuality::Bad(BadReason::Offline)).await;
     boards.set(3, 1);
     boards.mute(3, false);
     let set = [(k(1), true)];
@@ -292,7 +293,7 @@ async fn a_line_is_not_lent_while_an_output_must_be_switched_off_soon() {
     let most = Duration::from_secs(270);
     assert!(most < LOAN_MAX && time(&loan) <= most, "{:?}", time(&loan));
     loan.end(None).await;
-    until(|| service.point("oven", k(2)).unwrap().quality == Quality::Good).await;
+    until(|| service.point("oven", k(2)).unwrap().quality == PointQuality::Good).await;
     service.close().await;
 }
 
@@ -305,7 +306,7 @@ async fn a_line_comes_back_though_who_has_it_breaks_down() {
         panic!("as a fault of ours would");
     });
     assert!(work.await.is_err());
-    until(|| service.point("oven", k(1)).unwrap().quality == Quality::Good).await;
+    until(|| service.point("oven", k(1)).unwrap().quality == PointQuality::Good).await;
     switch(&service, "oven", 1, true).await.unwrap();
     assert_eq!(boards.relays(3), 1);
     service.close().await;
@@ -340,7 +341,7 @@ async fn a_line_comes_back_though_nobody_waits_for_it_any_more() {
     goes_away(service.lend("main")).await;
     boards.mute(3, false);
     until(|| service.line("main").unwrap().state == LineState::Up).await;
-    until(|| service.point("oven", k(1)).unwrap().quality == Quality::Good).await;
+    until(|| service.point("oven", k(1)).unwrap().quality == PointQuality::Good).await;
     until(|| boards.relays(3) == 0).await;
     service.close().await;
 }
@@ -359,7 +360,7 @@ async fn a_configuration_comes_into_force_though_nobody_waits_for_it_any_more() 
     let is_in_force = || service.config().modules["oven"].setup.address.0 == 5;
     until(is_in_force).await;
     until(|| service.line("main").unwrap().state == LineState::Up).await;
-    until(|| service.point("yard", k(1)).unwrap().quality == Quality::Good).await;
+    until(|| service.point("yard", k(1)).unwrap().quality == PointQuality::Good).await;
     service.close().await;
 }
 

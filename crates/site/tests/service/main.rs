@@ -17,8 +17,8 @@ mod undone;
 use board::{k, until};
 use railbus_host::{Confirmation, Fault, LineState};
 use railbus_site::{
-    By, Config, Failure, Pulse, Quality, Reason, ReloadError, Service, ToggleTerms, Update, Value,
-    WriteTerms,
+    BadReason, By, Config, Failure, PointQuality, PointValue, Pulse, ReloadError, Service,
+    ToggleTerms, Update, WriteTerms,
 };
 use railbus_store::audit::End;
 use railbus_wire::Micros;
@@ -46,7 +46,7 @@ async fn a_write_tells_before_and_after_and_is_known_at_once() {
     let (port, relays) = board::start().await;
     let service = start(&port);
     let mut updates = service.subscribe();
-    until(|| service.point("oven", k(1)).unwrap().quality == Quality::Good).await;
+    until(|| service.point("oven", k(1)).unwrap().quality == PointQuality::Good).await;
 
     let both = [(k(1), true), (k(3), true)];
     let done = service
@@ -61,7 +61,7 @@ async fn a_write_tells_before_and_after_and_is_known_at_once() {
     assert_eq!(done.outputs, told);
     assert_eq!(relays.relays(3), 0b101);
     let known = service.point("oven", k(3)).unwrap();
-    assert_eq!(known.value, Some(Value::Bool(true)));
+    assert_eq!(known.value, Some(PointValue::Bool(true)));
     assert!(service.module("oven").unwrap().rtt.is_some());
 
     let entry = service.audit().pop().unwrap();
@@ -73,7 +73,7 @@ async fn a_write_tells_before_and_after_and_is_known_at_once() {
         let update = tokio::time::timeout(Duration::from_secs(5), updates.next()).await;
         seen_on = matches!(
             update.unwrap().unwrap(),
-            Update::Point(change) if change.point == k(1) && change.value == Value::Bool(true)
+            Update::Point(change) if change.point == k(1) && change.value == PointValue::Bool(true)
         );
     }
     service.close().await;
@@ -176,7 +176,7 @@ async fn a_port_that_is_not_there_is_a_state() {
     assert_eq!(end, Err(Failure::Line(Fault::Closed)));
     assert_eq!(
         service.point("oven", k(1)).unwrap().quality,
-        Quality::Bad(Reason::LineAbsent)
+        PointQuality::Bad(BadReason::LineAbsent)
     );
 }
 
@@ -211,7 +211,7 @@ async fn pulses_that_can_not_be_are_refused() {
 async fn a_refused_configuration_changes_nothing() {
     let (port, _) = board::start().await;
     let service = start(&port);
-    until(|| service.point("oven", k(1)).unwrap().quality == Quality::Good).await;
+    until(|| service.point("oven", k(1)).unwrap().quality == PointQuality::Good).await;
     let before = service.config();
     let bad = text(&port).replace("erc8", "erc9").replace("k8", "k9");
     let refused = service.reload(&bad).await;
@@ -220,13 +220,19 @@ async fn a_refused_configuration_changes_nothing() {
         "{refused:?}"
     );
     assert_eq!(service.config(), before);
-    assert_eq!(service.point("oven", k(1)).unwrap().quality, Quality::Good);
+    assert_eq!(
+        service.point("oven", k(1)).unwrap().quality,
+        PointQuality::Good
+    );
 
     // Another lock is nothing to the line; another module is.
     let locks = text(&port).replace("k8", "k1");
     let done = service.reload(&locks).await.unwrap();
     assert_eq!((done.kept.len(), done.opened.len()), (1, 0));
-    assert_eq!(service.point("oven", k(1)).unwrap().quality, Quality::Good);
+    assert_eq!(
+        service.point("oven", k(1)).unwrap().quality,
+        PointQuality::Good
+    );
     let refused = service
         .write("oven", &[(k(1), true)], WriteTerms::default())
         .await;
@@ -236,14 +242,14 @@ async fn a_refused_configuration_changes_nothing() {
     assert_eq!((done.kept.len(), done.opened.len()), (1, 0));
     assert!(done.modules_kept.is_empty());
     assert!(service.module("oven").is_none());
-    until(|| service.point("kiln", k(1)).unwrap().quality == Quality::Good).await;
+    until(|| service.point("kiln", k(1)).unwrap().quality == PointQuality::Good).await;
 }
 
 #[tokio::test]
 async fn what_lines_and_modules_are_called_is_nothing_to_the_port() {
     let (port, _) = board::start().await;
     let service = start(&port);
-    until(|| service.point("oven", k(1)).unwrap().quality == Quality::Good).await;
+    until(|| service.point("oven", k(1)).unwrap().quality == PointQuality::Good).await;
     let called = text(&port)
         .replace("[line.main]\n", "[line.main]\nname = \"Hall\"\n")
         .replace(
@@ -253,7 +259,10 @@ async fn what_lines_and_modules_are_called_is_nothing_to_the_port() {
     let done = service.reload(&called).await.unwrap();
     assert_eq!((done.kept.len(), done.opened.len()), (1, 0));
     assert_eq!(done.modules_kept, ["oven"]);
-    assert_eq!(service.point("oven", k(1)).unwrap().quality, Quality::Good);
+    assert_eq!(
+        service.point("oven", k(1)).unwrap().quality,
+        PointQuality::Good
+    );
     let line = service.line("main").unwrap();
     assert_eq!(line.called.en.as_deref(), Some("Hall"));
     let oven = service.module("oven").unwrap();
@@ -265,7 +274,7 @@ async fn what_lines_and_modules_are_called_is_nothing_to_the_port() {
 async fn modules_come_and_go_and_the_others_notice_nothing() {
     let (port, _) = board::start().await;
     let service = start(&port);
-    until(|| service.point("oven", k(1)).unwrap().quality == Quality::Good).await;
+    until(|| service.point("oven", k(1)).unwrap().quality == PointQuality::Good).await;
     let mut updates = service.subscribe();
     let more = format!(
         "{}[module.attic]\nline = \"main\"\nmodel = \"erc8\"\naddress = 9\n",
@@ -278,25 +287,25 @@ async fn modules_come_and_go_and_the_others_notice_nothing() {
         let oven = service.point("oven", k(1)).unwrap();
         assert_eq!(
             (oven.quality, oven.value),
-            (Quality::Good, Some(Value::Bool(false)))
+            (PointQuality::Good, Some(PointValue::Bool(false)))
         );
     }
     assert_eq!(service.line("main").unwrap().modules, ["attic", "oven"]);
-    until(|| service.point("attic", k(2)).unwrap().quality == Quality::Good).await;
+    until(|| service.point("attic", k(2)).unwrap().quality == PointQuality::Good).await;
     let terms = WriteTerms::default();
     let done = service.write("oven", &[(k(2), true)], terms).await.unwrap();
     assert_eq!(done.confirmed, Confirmation::Readback);
     let attic = service.point("attic", k(2)).unwrap();
-    assert_eq!(attic.value, Some(Value::Bool(false)));
+    assert_eq!(attic.value, Some(PointValue::Bool(false)));
 
     // Another way of reading it makes a module begin anew, and nothing else.
     let slower = more.replace("address = 3\n", "address = 3\npoll = \"300ms\"\n");
     let done = service.reload(&slower).await.unwrap();
     assert_eq!(done.modules_kept, ["attic"]);
-    until(|| service.point("oven", k(2)).unwrap().quality == Quality::Good).await;
+    until(|| service.point("oven", k(2)).unwrap().quality == PointQuality::Good).await;
     assert_eq!(
         service.point("oven", k(2)).unwrap().value,
-        Some(Value::Bool(true))
+        Some(PointValue::Bool(true))
     );
     let told = async {
         while let Some(update) = updates.next().await {
@@ -312,7 +321,7 @@ async fn modules_come_and_go_and_the_others_notice_nothing() {
 async fn after_a_loan_every_command_meets_the_module_it_names() {
     let (port, relays) = board::start().await;
     let service = start(&port);
-    until(|| service.point("oven", k(1)).unwrap().quality == Quality::Good).await;
+    until(|| service.point("oven", k(1)).unwrap().quality == PointQuality::Good).await;
     // It joins behind the other, before which it stands in the configuration.
     let more = format!(
         "{}[module.attic]\nline = \"main\"\nmodel = \"erc8\"\naddress = 2\n",
@@ -320,16 +329,16 @@ async fn after_a_loan_every_command_meets_the_module_it_names() {
     );
     service.reload(&more).await.unwrap();
     service.lend("main").await.unwrap().end(None).await;
-    until(|| service.point("attic", k(2)).unwrap().quality == Quality::Good).await;
+    until(|| service.point("attic", k(2)).unwrap().quality == PointQuality::Good).await;
 
     let terms = WriteTerms::default();
     let done = service.write("attic", &[(k(2), true)], terms).await;
     assert_eq!(done.unwrap().confirmed, Confirmation::Readback);
     assert_eq!((relays.relays(2), relays.relays(3)), (0b10, 0));
     for (module, is_on) in [("attic", true), ("oven", false)] {
-        until(|| service.point(module, k(2)).unwrap().quality == Quality::Good).await;
+        until(|| service.point(module, k(2)).unwrap().quality == PointQuality::Good).await;
         let point = service.point(module, k(2)).unwrap();
-        assert_eq!(point.value, Some(Value::Bool(is_on)), "{module}");
+        assert_eq!(point.value, Some(PointValue::Bool(is_on)), "{module}");
     }
     service.close().await;
 }

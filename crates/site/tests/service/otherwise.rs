@@ -4,7 +4,7 @@
 use crate::board::{k, until};
 use railbus_device::Point;
 use railbus_host::{Confirmation, Fault, LineState};
-use railbus_site::{Config, Failure, Quality, Service, WriteDone, WriteTerms};
+use railbus_site::{Config, Failure, PointQuality, Service, WriteDone, WriteTerms};
 use railbus_store::audit::End;
 use railbus_wire::{crc16, sum8};
 use std::time::Duration;
@@ -117,7 +117,7 @@ impl Stuck {
             true => Service::start(config).unwrap(),
             false => Service::start_quiet(config).unwrap(),
         };
-        let is_good = || service.point("oven", FIRST).unwrap().quality == Quality::Good;
+        let is_good = || service.point("oven", FIRST).unwrap().quality == PointQuality::Good;
         let is_up = || service.line("main").unwrap().state == LineState::Up;
         until(|| is_up() && (!polled || is_good())).await;
         let end = service

@@ -3,7 +3,7 @@
 use crate::board::{Boards, k, until};
 use crate::safety::{config, folder, known, site, switch};
 use railbus_host::Fault;
-use railbus_site::{Failure, Quality, Service};
+use railbus_site::{Failure, PointQuality, Service};
 use railbus_store::audit::End;
 use std::time::Duration;
 
@@ -17,7 +17,7 @@ fn ends(service: &Service, of: &str) -> Vec<Option<&'static str>> {
 async fn comes_back(service: &Service, boards: &Boards) {
     boards.mute(4, true);
     let quality = || service.point("yard", k(1)).unwrap().quality;
-    until(|| matches!(quality(), Quality::Bad(_))).await;
+    until(|| matches!(quality(), PointQuality::Bad(_))).await;
     boards.mute(4, false);
 }
 
@@ -62,7 +62,7 @@ async fn a_policy_waits_beside_as_many_commands_as_there_are() {
     let (service, boards) = site("[module.oven.point]\nk1.on_return = \"off\"\n").await;
     boards.mute(3, true);
     let quality = || service.point("oven", k(1)).unwrap().quality;
-    until(|| matches!(quality(), Quality::Bad(_))).await;
+    until(|| matches!(quality(), PointQuality::Bad(_))).await;
     boards.slow(200);
     let asks = |_| {
         let service = service.clone();

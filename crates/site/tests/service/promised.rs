@@ -400,7 +400,8 @@ async fn a_pulse_that_may_have_begun_ends_though_a_lease_is_given_back() {
     service.pulse("oven", k(1), pulse).await.unwrap_err();
     boards.set(3, 1);
     boards.mute(3, false);
-    until(|| service.point("oven", k(1)).unwrap().quality == railbus_site::Quality::Good).await;
+    until(|| service.point("oven", k(1)).unwrap().quality == railbus_site::PointQuality::Good)
+        .await;
     let given = service.end_lease("oven", k(1)).await;
     assert_eq!(given.map(|done| done.is_none()), Ok(true));
     assert_eq!(service.point("oven", k(1)).unwrap().left.lease, None);

@@ -1,7 +1,9 @@
 //! What keeps outputs safe below everyone who commands them.
 
 use crate::board::{self, Boards, k, until};
-use railbus_site::{Config, Failure, Pulse, Quality, Service, ToggleTerms, Value, WriteTerms};
+use railbus_site::{
+    Config, Failure, PointQuality, PointValue, Pulse, Service, ToggleTerms, WriteTerms,
+};
 use railbus_store::audit::End;
 use railbus_wire::Micros;
 use std::path::PathBuf;
@@ -31,7 +33,7 @@ pub(crate) async fn site(points: &str) -> (Service, Arc<Boards>) {
 }
 
 pub(crate) async fn known(service: &Service) {
-    let good = |module| service.point(module, k(1)).unwrap().quality == Quality::Good;
+    let good = |module| service.point(module, k(1)).unwrap().quality == PointQuality::Good;
     until(|| good("oven") && good("yard")).await;
 }
 
@@ -97,7 +99,7 @@ async fn what_nobody_knows_may_be_on() {
     let offline = || {
         matches!(
             service.point("yard", k(1)).unwrap().quality,
-            Quality::Bad(_)
+            PointQuality::Bad(_)
         )
     };
     until(offline).await;
@@ -107,7 +109,7 @@ async fn what_nobody_knows_may_be_on() {
     switch(&service, "oven", 1, false).await.unwrap();
     switch(&service, "oven", 3, true).await.unwrap();
     boards.mute(4, false);
-    until(|| service.point("yard", k(1)).unwrap().quality == Quality::Good).await;
+    until(|| service.point("yard", k(1)).unwrap().quality == PointQuality::Good).await;
     switch(&service, "oven", 1, true).await.unwrap();
 
     // One that is not read by itself asks before it says no.
@@ -216,7 +218,7 @@ async fn an_output_stays_off_for_as_long_as_it_must() {
     // Somebody switches it by hand; and a restart changes nothing.
     let off = std::time::Instant::now();
     boards.set(3, 0);
-    let is_off = || service.point("oven", k(1)).unwrap().value == Some(Value::Bool(false));
+    let is_off = || service.point("oven", k(1)).unwrap().value == Some(PointValue::Bool(false));
     until(is_off).await;
     until(|| folder.join("promises.json").exists()).await;
     service.close().await;
@@ -337,7 +339,7 @@ async fn outputs_go_where_their_policy_says() {
     let (service, boards) = site(points).await;
     boards.mute(4, true);
     let quality = || service.point("yard", k(1)).unwrap().quality;
-    until(|| matches!(quality(), Quality::Bad(_))).await;
+    until(|| matches!(quality(), PointQuality::Bad(_))).await;
     boards.set(4, 0b1010);
     boards.mute(4, false);
     until(|| boards.relays(4) == 0b1001).await;
@@ -380,7 +382,7 @@ async fn a_longest_time_that_began_for_nothing_makes_the_next_one_no_shorter() {
     assert!(left() < before);
     boards.mute(3, false);
     until(|| {
-        let is_good = service.point("oven", k(1)).unwrap().quality == Quality::Good;
+        let is_good = service.point("oven", k(1)).unwrap().quality == PointQuality::Good;
         is_good && left() < Some(Duration::from_secs(57))
     })
     .await;

@@ -4,7 +4,7 @@
 use crate::board::{k, until};
 use crate::safety::{site, switch};
 use railbus_host::Probed;
-use railbus_site::{Failure, Quality, RawTerms, Service, Value};
+use railbus_site::{Failure, PointQuality, PointValue, RawTerms, Service};
 use railbus_store::audit::End;
 use railbus_wire::{Address, Exchange, crc16, rtu};
 use std::sync::Arc;
@@ -42,7 +42,7 @@ async fn a_frame_of_ones_own_is_written_down_and_its_module_read_anew() {
     let known = service.point("oven", k(1)).unwrap();
     assert_eq!(
         (known.value, known.quality),
-        (Some(Value::Bool(true)), Quality::Good)
+        (Some(PointValue::Bool(true)), PointQuality::Good)
     );
     let entry = service.audit().pop().unwrap();
     assert_eq!(
@@ -61,7 +61,7 @@ async fn a_frame_of_ones_own_is_written_down_and_its_module_read_anew() {
     assert_eq!((met, boards.relays(3)), (Probed::Silent, 0));
     let entry = service.audit().pop().unwrap();
     assert_eq!((&*entry.module, entry.end), ("", Some(End::Sent)));
-    let good = |module| service.point(module, k(1)).unwrap().quality == Quality::Good;
+    let good = |module| service.point(module, k(1)).unwrap().quality == PointQuality::Good;
     until(|| good("oven") && good("yard")).await;
     service.close().await;
 }
@@ -75,14 +75,17 @@ async fn a_module_that_does_not_answer_may_have_obeyed() {
     let entry = service.audit().pop().unwrap();
     assert_eq!(entry.end, Some(End::unsure("no_reply")));
     // What was known of it before does not count any more, though it is not offline yet.
-    assert_ne!(service.point("oven", k(1)).unwrap().quality, Quality::Good);
+    assert_ne!(
+        service.point("oven", k(1)).unwrap().quality,
+        PointQuality::Good
+    );
     let refused = switch(&service, "yard", 1, true).await;
     assert!(
         matches!(refused, Err(Failure::Interlock { .. })),
         "{refused:?}"
     );
     boards.mute(3, false);
-    until(|| service.point("oven", k(1)).unwrap().quality == Quality::Good).await;
+    until(|| service.point("oven", k(1)).unwrap().quality == PointQuality::Good).await;
     switch(&service, "yard", 1, true).await.unwrap();
     service.close().await;
 }
@@ -91,7 +94,7 @@ async fn a_module_that_does_not_answer_may_have_obeyed() {
 async fn an_output_that_may_have_gone_off_stays_off_for_its_time() {
     let (service, boards) = site("[module.oven.point.k2]\nmin_off = \"1h\"\n").await;
     boards.set(3, 0b10);
-    until(|| service.point("oven", k(2)).unwrap().value == Some(Value::Bool(true))).await;
+    until(|| service.point("oven", k(2)).unwrap().value == Some(PointValue::Bool(true))).await;
     send(&service, frame(3, 2, false)).await.unwrap();
     assert_eq!(boards.relays(3), 0);
     let refused = switch(&service, "oven", 2, true).await;
@@ -129,7 +132,7 @@ async fn the_late_reply_of_another_module_is_no_part_of_the_reply() {
     let text = text.replacen("50ms", "1h", 1);
     let service = Service::start(railbus_site::Config::parse(&text).unwrap()).unwrap();
     service.opened("main").await.unwrap();
-    let good = || service.point("yard", k(1)).unwrap().quality == Quality::Good;
+    let good = || service.point("yard", k(1)).unwrap().quality == PointQuality::Good;
     until(good).await;
     is_slow.store(true, Ordering::SeqCst);
     until(|| has_kept.load(Ordering::SeqCst)).await;

@@ -4,7 +4,7 @@ use crate::board::{k, until};
 use crate::safety::{site, switch};
 use railbus_site::config::Place;
 use railbus_site::{
-    BatchDone, BatchTerms, Failure, GroupState, LeaseTerms, Quality, Service, Within,
+    BatchDone, BatchTerms, Failure, GroupState, LeaseTerms, PointQuality, Service, Within,
 };
 use railbus_wire::Micros;
 use std::time::Duration;
@@ -65,7 +65,7 @@ async fn some_may_fail_and_all_or_nothing_takes_back() {
     let bad = || {
         matches!(
             service.point("yard", k(1)).unwrap().quality,
-            Quality::Bad(_)
+            PointQuality::Bad(_)
         )
     };
     until(bad).await;
@@ -88,14 +88,14 @@ async fn what_can_not_be_taken_back_is_told() {
     boards.set(3, 0b1);
     let is_on = || {
         let known = service.point("oven", k(1)).unwrap().value;
-        known == Some(railbus_site::Value::Bool(true))
+        known == Some(railbus_site::PointValue::Bool(true))
     };
     until(is_on).await;
     boards.mute(4, true);
     let bad = || {
         matches!(
             service.point("yard", k(1)).unwrap().quality,
-            Quality::Bad(_)
+            PointQuality::Bad(_)
         )
     };
     until(bad).await;

@@ -4,7 +4,7 @@ use crate::board::{self, k, until};
 use crate::safety::{config, known, switch, text};
 use crate::several::{ALL, failures, set};
 use railbus_site::config::Place;
-use railbus_site::{Config, Failure, Quality, Service};
+use railbus_site::{Config, Failure, PointQuality, Service};
 use railbus_wire::crc16;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -52,7 +52,7 @@ async fn taking_back_begins_no_pulse_again() {
          [module.oven]\nline = \"main\"\nmodel = \"erc8\"\naddress = 2\n"
     );
     let service = Service::start(Config::parse(&text).unwrap()).unwrap();
-    let is_good = |module| service.point(module, k(1)).unwrap().quality == Quality::Good;
+    let is_good = |module| service.point(module, k(1)).unwrap().quality == PointQuality::Good;
     until(|| is_good("gate") && is_good("oven")).await;
     let set = ["gate", "oven"].map(|module| (Place::new(module, k(1)), true));
     let done = service.batch(&set, ALL).await.unwrap();

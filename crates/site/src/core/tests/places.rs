@@ -5,7 +5,7 @@ use super::super::reload::TURN_MAX;
 use super::super::*;
 use super::world::{End, World, bit, k, ms, who_is};
 use crate::rights::Who;
-use crate::{Failure, Reason, Rights, Role};
+use crate::{BadReason, Failure, Rights, Role};
 use railbus_host::{Fault, LineState};
 
 const PORT: &str = "/dev/ttyS9";
@@ -260,7 +260,7 @@ fn reloads_and_loans_come_one_after_the_other() {
         assert!(matches!(again.now(), Err(Failure::Lent)));
         // While it is lent, its modules have moved.
         assert_eq!(last.now().unwrap().closed, ["other"]);
-        assert_eq!(world.state().line_fault("main"), Some(Reason::Exclusive));
+        assert_eq!(world.state().line_fault("main"), Some(BadReason::Exclusive));
         world.give_back("main", loan, None);
         world.pass(ms(1_000));
         let on = world.write("li", ("oven", 2), true);
@@ -290,7 +290,7 @@ fn an_old_loan_does_not_take_back_a_newer_one() {
     assert_ne!(new, old);
     world.give_back("main", old, None);
     world.pass(ms(2_000));
-    assert_eq!(world.state().line_fault("main"), Some(Reason::Exclusive));
+    assert_eq!(world.state().line_fault("main"), Some(BadReason::Exclusive));
     assert_eq!(world.state().lines["main"].id, None);
     world.give_back("main", new, None);
     world.pass(ms(2_000));

@@ -3,7 +3,7 @@
 
 use super::super::*;
 use super::world::{World, bit, k, ms};
-use crate::{Failure, Reason};
+use crate::{BadReason, Failure};
 use railbus_host::Fault;
 
 const PORT: &str = "/dev/ttyS9";
@@ -146,7 +146,7 @@ fn a_line_that_is_lent_is_opened_by_no_reload() {
         let reloaded = reload(&mut world, &text);
         assert_eq!(reloaded.kept.is_empty(), !is_kept, "{text}");
         assert_eq!(world.state().lines["main"].id, None, "{text}");
-        assert_eq!(world.state().line_fault("main"), Some(Reason::Exclusive));
+        assert_eq!(world.state().line_fault("main"), Some(BadReason::Exclusive));
         world.give_back("main", loan, None);
         world.pass(ms(1_000));
         switches(&mut world, ("oven", 1));
@@ -304,7 +304,7 @@ fn what_becomes_of_a_line_that_is_lent_is_told() {
         world.pass(ms(1_000));
         let line = &world.state().lines["main"];
         assert_eq!(line.id.is_none(), refused);
-        let fault = refused.then_some(Reason::LineAbsent);
+        let fault = refused.then_some(BadReason::LineAbsent);
         assert_eq!(world.state().line_fault("main"), fault);
         assert_eq!(world.state().left("oven", k(1)), crate::Left::default());
     }

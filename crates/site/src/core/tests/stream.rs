@@ -2,7 +2,7 @@
 
 use super::super::*;
 use super::world::{World, at, k, ms};
-use crate::{Quality, Reason, Value};
+use crate::{BadReason, PointQuality, PointValue};
 use railbus_device::{Bank, Observation};
 use railbus_host::{Event, LineState, PortError, Presence};
 use std::time::Duration;
@@ -56,14 +56,14 @@ fn a_reading_has_the_time_at_which_its_request_began_and_keeps_it() {
 }
 
 /// How good the first relay is told to be, one change after the other, since this was last asked.
-fn told(world: &mut World) -> Vec<Quality> {
+fn told(world: &mut World) -> Vec<PointQuality> {
     let updates = std::mem::take(&mut world.updates);
     let of_first = |update: &&Update| **update == Update::Quality(at("oven", 1));
     let told = updates.iter().filter(of_first);
     told.map(|_| quality(world)).collect()
 }
 
-fn quality(world: &World) -> Quality {
+fn quality(world: &World) -> PointQuality {
     let core = world.core.as_ref().unwrap();
     core.state.point_of("oven", k(1)).unwrap().quality
 }
@@ -78,21 +78,24 @@ fn a_value_becomes_stale_at_its_age_limit_and_that_is_told_once() {
     world.pass(ms(200));
     // The last poll was at 10,250 ms and a microsecond.
     world.pass(ms(1_750));
-    assert_eq!((quality(&world), world.now), (Quality::Good, ms(12_250)));
+    assert_eq!(
+        (quality(&world), world.now),
+        (PointQuality::Good, ms(12_250))
+    );
     let deadline = world.core.as_ref().unwrap().deadline();
     assert_eq!(deadline, Some(Micros(12_250_002)));
     assert_eq!(told(&mut world), []);
     world.pass(Micros(2));
-    assert_eq!(told(&mut world), [Quality::Stale]);
+    assert_eq!(told(&mut world), [PointQuality::Stale]);
     world.pass(ms(60_000));
     assert_eq!(told(&mut world), [], "once");
     world.saw(OVEN, &Op::ReadOutputs, outputs(0));
-    assert_eq!(told(&mut world), [Quality::Good]);
+    assert_eq!(told(&mut world), [PointQuality::Good]);
     // It has a limit again.
     world.pass(ms(2_000));
     assert_eq!(told(&mut world), []);
     world.pass(Micros(1));
-    assert_eq!(told(&mut world), [Quality::Stale]);
+    assert_eq!(told(&mut world), [PointQuality::Stale]);
 }
 
 /// However old the value of a silent module is, that is another fault.
@@ -102,12 +105,12 @@ fn what_a_module_does_is_told_of_its_points() {
     told(&mut world);
     world.dead("oven", true);
     world.pass(ms(250));
-    assert_eq!(told(&mut world), [Quality::Bad(Reason::Offline)]);
+    assert_eq!(told(&mut world), [PointQuality::Bad(BadReason::Offline)]);
     world.pass(ms(10_000));
     assert_eq!(told(&mut world), []);
     world.dead("oven", false);
     world.pass(ms(250));
-    assert_eq!(told(&mut world).last(), Some(&Quality::Good));
+    assert_eq!(told(&mut world).last(), Some(&PointQuality::Good));
     let presence = |presence| {
         LineEvent::Bus(Event::Presence {
             module: OVEN.module,
@@ -115,9 +118,9 @@ fn what_a_module_does_is_told_of_its_points() {
         })
     };
     world.line(OVEN, &presence(Presence::OtherModel));
-    assert_eq!(told(&mut world), [Quality::Bad(Reason::OtherModel)]);
+    assert_eq!(told(&mut world), [PointQuality::Bad(BadReason::OtherModel)]);
     world.line(OVEN, &presence(Presence::Online));
-    assert_eq!(told(&mut world), [Quality::Bad(Reason::NeverRead)]);
+    assert_eq!(told(&mut world), [PointQuality::Bad(BadReason::NeverRead)]);
 }
 
 #[test]
@@ -130,14 +133,14 @@ fn what_becomes_of_a_line_is_told_of_its_points() {
         told(world)
     };
     let absent = |why| LineState::Absent(Arc::new(why));
-    let bad = |why| [Quality::Bad(why)];
+    let bad = |why| [PointQuality::Bad(why)];
     let gone = absent(PortError::Gone);
-    assert_eq!(line_is(&mut world, gone), bad(Reason::LineAbsent));
+    assert_eq!(line_is(&mut world, gone), bad(BadReason::LineAbsent));
     let busy = absent(PortError::Busy { holder: None });
-    assert_eq!(line_is(&mut world, busy), bad(Reason::LineBusy));
+    assert_eq!(line_is(&mut world, busy), bad(BadReason::LineBusy));
     let closed = LineState::Closed;
-    assert_eq!(line_is(&mut world, closed), bad(Reason::LineClosed));
-    assert_eq!(line_is(&mut world, LineState::Up), [Quality::Good]);
+    assert_eq!(line_is(&mut world, closed), bad(BadReason::LineClosed));
+    assert_eq!(line_is(&mut world, LineState::Up), [PointQuality::Good]);
     let now = world.time();
     let lend = |world: &mut World, lent| {
         let core = world.core.as_mut().unwrap();
@@ -147,8 +150,8 @@ fn what_becomes_of_a_line_is_told_of_its_points() {
         world.pass(Micros(0));
         told(world)
     };
-    assert_eq!(lend(&mut world, Some(LoanId(1))), bad(Reason::Exclusive));
-    assert_eq!(lend(&mut world, None), [Quality::Good]);
+    assert_eq!(lend(&mut world, Some(LoanId(1))), bad(BadReason::Exclusive));
+    assert_eq!(lend(&mut world, None), [PointQuality::Good]);
 }
 
 #[test]
@@ -164,7 +167,7 @@ fn another_age_limit_counts_from_the_reload_on() {
         state.reconfigure(Arc::new(strict), |_| true, |_| false);
     });
     world.pass(Micros(0));
-    assert_eq!(told(&mut world), [Quality::Stale]);
+    assert_eq!(told(&mut world), [PointQuality::Stale]);
 }
 
 /// Somebody follows from now on.
@@ -186,15 +189,15 @@ fn batches(world: &mut World) -> Vec<Arc<Batch>> {
 }
 
 /// What is told of the first relay.
-fn values(batch: &Batch) -> Vec<(Option<Value>, Quality)> {
+fn values(batch: &Batch) -> Vec<(Option<PointValue>, PointQuality)> {
     let of_first = |reading: &&PointReading| reading.status.point == k(1);
     let readings = batch.points.iter().filter(of_first);
     let readings = readings.map(|reading| (reading.status.value, reading.status.quality));
     readings.collect()
 }
 
-fn is(on: bool) -> (Option<Value>, Quality) {
-    (Some(Value::Bool(on)), Quality::Good)
+fn is(on: bool) -> (Option<PointValue>, PointQuality) {
+    (Some(PointValue::Bool(on)), PointQuality::Good)
 }
 
 #[test]
@@ -260,8 +263,8 @@ fn who_begins_to_follow_has_all_that_was_told_before() {
     world.saw(OVEN, &Op::ReadOutputs, outputs(2));
     assert_eq!(batches(&mut world).len(), 1);
     let picture = follow(&mut world);
-    assert_eq!(picture.points[0].value, Some(Value::Bool(false)));
-    assert_eq!(picture.points[1].value, Some(Value::Bool(true)));
+    assert_eq!(picture.points[0].value, Some(PointValue::Bool(false)));
+    assert_eq!(picture.points[1].value, Some(PointValue::Bool(true)));
     let told = batches(&mut world);
     assert_eq!(told.len(), 1, "the others need not wait any longer");
     assert_eq!(told[0].seq, picture.seq);
@@ -296,12 +299,15 @@ fn the_stream_tells_of_quality_ends_modules_and_lines() {
     assert_eq!(told.iter().filter_map(left).next_back(), Some(false));
     world.polls = false;
     world.pass(ms(3_000));
-    let stale = (Some(Value::Bool(false)), Quality::Stale);
+    let stale = (Some(PointValue::Bool(false)), PointQuality::Stale);
     assert_eq!(all(&batches(&mut world)), [stale]);
     let gone = LineState::Absent(Arc::new(PortError::Gone));
     world.line(OVEN, &LineEvent::State(gone));
     let told = batches(&mut world);
-    let absent = (Some(Value::Bool(false)), Quality::Bad(Reason::LineAbsent));
+    let absent = (
+        Some(PointValue::Bool(false)),
+        PointQuality::Bad(BadReason::LineAbsent),
+    );
     assert_eq!(all(&told), [absent]);
     assert_eq!(told[0].lines.len(), 1);
     assert_eq!(
