@@ -11,7 +11,7 @@ use std::sync::Arc;
 /// Why a command was not executed, or may not have been. Data without sentences: the text is made
 /// where it is shown.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Failure {
+pub enum CommandError {
     /// There is no such line.
     NoSuchLine,
     /// There is no such module.
@@ -110,39 +110,39 @@ pub enum Failure {
     Line(Fault),
 }
 
-impl Failure {
+impl CommandError {
     /// The name in logs.
     #[must_use]
     pub const fn name(&self) -> &'static str {
         match self {
-            Failure::NoSuchLine => "no_such_line",
-            Failure::NoSuchModule => "no_such_module",
-            Failure::NoSuchPoint => "no_such_point",
-            Failure::Lent => "lent",
-            Failure::NotAnOutput(_) => "not_an_output",
-            Failure::Locked(_) => Fault::Locked.name(),
-            Failure::NotAsAsked(..) => "not_as_asked",
-            Failure::PulseWidth { .. } => "pulse_width",
-            Failure::NotAudited => "not_audited",
-            Failure::Confirm(_) => "confirm",
-            Failure::Interlock { .. } => "interlock",
-            Failure::MinOff { .. } => "min_off",
-            Failure::Unwatched(_) => "unwatched",
-            Failure::NoLease(_) => "no_lease",
-            Failure::LeaseTime(_) => "lease_time",
-            Failure::NotKept(_) => "not_kept",
-            Failure::NotTakenOver(_) => "not_taken_over",
-            Failure::Due { .. } => "output_due",
-            Failure::NotTried => "not_tried",
-            Failure::Undone => "undone",
-            Failure::NotUndone => "not_undone",
-            Failure::RoleTooLow { .. } => "role_too_low",
-            Failure::NotPermitted { .. } => "not_permitted",
-            Failure::Limited(_) => "limited",
-            Failure::NoSuchGroup => "no_such_group",
-            Failure::NoSuchScene => "no_such_scene",
-            Failure::Playing => "playing",
-            Failure::NotRead(fault) | Failure::Line(fault) => fault.name(),
+            CommandError::NoSuchLine => "no_such_line",
+            CommandError::NoSuchModule => "no_such_module",
+            CommandError::NoSuchPoint => "no_such_point",
+            CommandError::Lent => "lent",
+            CommandError::NotAnOutput(_) => "not_an_output",
+            CommandError::Locked(_) => Fault::Locked.name(),
+            CommandError::NotAsAsked(..) => "not_as_asked",
+            CommandError::PulseWidth { .. } => "pulse_width",
+            CommandError::NotAudited => "not_audited",
+            CommandError::Confirm(_) => "confirm",
+            CommandError::Interlock { .. } => "interlock",
+            CommandError::MinOff { .. } => "min_off",
+            CommandError::Unwatched(_) => "unwatched",
+            CommandError::NoLease(_) => "no_lease",
+            CommandError::LeaseTime(_) => "lease_time",
+            CommandError::NotKept(_) => "not_kept",
+            CommandError::NotTakenOver(_) => "not_taken_over",
+            CommandError::Due { .. } => "output_due",
+            CommandError::NotTried => "not_tried",
+            CommandError::Undone => "undone",
+            CommandError::NotUndone => "not_undone",
+            CommandError::RoleTooLow { .. } => "role_too_low",
+            CommandError::NotPermitted { .. } => "not_permitted",
+            CommandError::Limited(_) => "limited",
+            CommandError::NoSuchGroup => "no_such_group",
+            CommandError::NoSuchScene => "no_such_scene",
+            CommandError::Playing => "playing",
+            CommandError::NotRead(fault) | CommandError::Line(fault) => fault.name(),
         }
     }
 
@@ -151,48 +151,48 @@ impl Failure {
     #[must_use]
     pub const fn may_have_acted(&self) -> bool {
         match self {
-            Failure::Line(fault) => fault.may_have_acted(),
-            Failure::NotUndone | Failure::NotTakenOver(_) => true,
-            Failure::NoSuchLine
-            | Failure::NoSuchModule
-            | Failure::NoSuchPoint
-            | Failure::Lent
-            | Failure::NotAnOutput(_)
-            | Failure::Locked(_)
-            | Failure::NotAsAsked(..)
-            | Failure::PulseWidth { .. }
-            | Failure::NotAudited
-            | Failure::Confirm(_)
-            | Failure::Interlock { .. }
-            | Failure::MinOff { .. }
-            | Failure::Unwatched(_)
-            | Failure::NoLease(_)
-            | Failure::LeaseTime(_)
-            | Failure::NotKept(_)
-            | Failure::Due { .. }
-            | Failure::NotTried
-            | Failure::Undone
-            | Failure::RoleTooLow { .. }
-            | Failure::NotPermitted { .. }
-            | Failure::Limited(_)
-            | Failure::NoSuchGroup
-            | Failure::NoSuchScene
-            | Failure::Playing
-            | Failure::NotRead(_) => false,
+            CommandError::Line(fault) => fault.may_have_acted(),
+            CommandError::NotUndone | CommandError::NotTakenOver(_) => true,
+            CommandError::NoSuchLine
+            | CommandError::NoSuchModule
+            | CommandError::NoSuchPoint
+            | CommandError::Lent
+            | CommandError::NotAnOutput(_)
+            | CommandError::Locked(_)
+            | CommandError::NotAsAsked(..)
+            | CommandError::PulseWidth { .. }
+            | CommandError::NotAudited
+            | CommandError::Confirm(_)
+            | CommandError::Interlock { .. }
+            | CommandError::MinOff { .. }
+            | CommandError::Unwatched(_)
+            | CommandError::NoLease(_)
+            | CommandError::LeaseTime(_)
+            | CommandError::NotKept(_)
+            | CommandError::Due { .. }
+            | CommandError::NotTried
+            | CommandError::Undone
+            | CommandError::RoleTooLow { .. }
+            | CommandError::NotPermitted { .. }
+            | CommandError::Limited(_)
+            | CommandError::NoSuchGroup
+            | CommandError::NoSuchScene
+            | CommandError::Playing
+            | CommandError::NotRead(_) => false,
         }
     }
 }
 
-impl From<Fault> for Failure {
-    fn from(fault: Fault) -> Failure {
-        Failure::Line(fault)
+impl From<Fault> for CommandError {
+    fn from(fault: Fault) -> CommandError {
+        CommandError::Line(fault)
     }
 }
 
-impl fmt::Display for Failure {
+impl fmt::Display for CommandError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.name())
     }
 }
 
-impl std::error::Error for Failure {}
+impl std::error::Error for CommandError {}

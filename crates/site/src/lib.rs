@@ -40,7 +40,7 @@ pub use self::core::{
     PulseDone, Reloaded, ToggleTerms, WITHIN_MAX, WITHIN_MIN, Within, WriteDone, WriteTerms,
 };
 pub use config::Config;
-pub use failure::Failure;
+pub use failure::CommandError;
 pub use rights::{Rights, Role};
 pub use service::{
     CommandKey, Counts, Events, Follower, KEY_LEN_MAX, KeyRefusal, Left, LineStatus, Loan,

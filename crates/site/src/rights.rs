@@ -1,7 +1,7 @@
 //! Roles and rights.
 
 use crate::config::{Config, PointConfig};
-use crate::{Failure, paths};
+use crate::{CommandError, paths};
 use railbus_device::Point;
 use railbus_store::audit::Origin;
 use serde::{Deserialize, Serialize};
@@ -97,11 +97,11 @@ impl Rights {
     /// Whether the role is this one or a higher one.
     ///
     /// # Errors
-    /// [`Failure::RoleTooLow`].
-    pub fn at_least(&self, need: Role) -> Result<(), Failure> {
+    /// [`CommandError::RoleTooLow`].
+    pub fn at_least(&self, need: Role) -> Result<(), CommandError> {
         let role = self.role;
         match role < need {
-            true => Err(Failure::RoleTooLow { role, need }),
+            true => Err(CommandError::RoleTooLow { role, need }),
             false => Ok(()),
         }
     }
@@ -109,8 +109,8 @@ impl Rights {
     /// Whether outputs may be commanded at all.
     ///
     /// # Errors
-    /// [`Failure::RoleTooLow`].
-    pub fn may_command(&self) -> Result<(), Failure> {
+    /// [`CommandError::RoleTooLow`].
+    pub fn may_command(&self) -> Result<(), CommandError> {
         self.at_least(Role::Operator)
     }
 
@@ -118,11 +118,11 @@ impl Rights {
     /// points excludes it.
     ///
     /// # Errors
-    /// [`Failure::RoleTooLow`], [`Failure::Limited`].
-    pub fn may_change_site(&self) -> Result<(), Failure> {
+    /// [`CommandError::RoleTooLow`], [`CommandError::Limited`].
+    pub fn may_change_site(&self) -> Result<(), CommandError> {
         self.at_least(Role::Engineer)?;
         match self.is_limited() {
-            true => Err(Failure::Limited(Arc::clone(&self.points))),
+            true => Err(CommandError::Limited(Arc::clone(&self.points))),
             false => Ok(()),
         }
     }
@@ -131,11 +131,11 @@ impl Rights {
     /// one that gives these other names.
     ///
     /// # Errors
-    /// [`Failure::RoleTooLow`], [`Failure::Limited`].
-    pub(crate) fn may_reload(&self, old: &Config, new: &Config) -> Result<(), Failure> {
+    /// [`CommandError::RoleTooLow`], [`CommandError::Limited`].
+    pub(crate) fn may_reload(&self, old: &Config, new: &Config) -> Result<(), CommandError> {
         self.at_least(Role::Engineer)?;
         match self.is_limited() && self.without_names(old) != self.without_names(new) {
-            true => Err(Failure::Limited(Arc::clone(&self.points))),
+            true => Err(CommandError::Limited(Arc::clone(&self.points))),
             false => Ok(()),
         }
     }
@@ -159,13 +159,13 @@ impl Rights {
     /// Whether this output may be commanded.
     ///
     /// # Errors
-    /// [`Failure::RoleTooLow`], [`Failure::NotPermitted`].
-    pub fn may_switch(&self, module: &str, label: &str) -> Result<(), Failure> {
+    /// [`CommandError::RoleTooLow`], [`CommandError::NotPermitted`].
+    pub fn may_switch(&self, module: &str, label: &str) -> Result<(), CommandError> {
         self.may_command()?;
         if paths::selects(&self.points, module, label) {
             return Ok(());
         }
-        Err(Failure::NotPermitted {
+        Err(CommandError::NotPermitted {
             module: module.to_owned(),
             label: label.to_owned(),
         })
@@ -180,7 +180,7 @@ impl Rights {
         config: &Config,
         module: &str,
         point: Point,
-    ) -> Result<(), Failure> {
+    ) -> Result<(), CommandError> {
         if !self.is_limited() {
             return self.may_command();
         }

@@ -30,7 +30,7 @@ pub use update::{Update, Updates};
 
 use crate::core::{Command, Context, Core, Input, LineId, News, Now, TaskId};
 use crate::rights::Who;
-use crate::{Config, Failure, Rights};
+use crate::{CommandError, Config, Rights};
 use alarm::Alarm;
 use entries::Waits;
 use once::Once;
@@ -269,9 +269,9 @@ impl Service {
     /// Waits until the port of a line is open, or could not be opened once.
     ///
     /// # Errors
-    /// [`Failure::NoSuchLine`]. How the port is, [`Service::line`] says.
-    pub async fn opened(&self, line: &str) -> Result<(), Failure> {
-        let handle = self.inner.handle(line).ok_or(Failure::NoSuchLine)?;
+    /// [`CommandError::NoSuchLine`]. How the port is, [`Service::line`] says.
+    pub async fn opened(&self, line: &str) -> Result<(), CommandError> {
+        let handle = self.inner.handle(line).ok_or(CommandError::NoSuchLine)?;
         // The reason is a part of the line's status.
         let _ = handle.opened().await;
         Ok(())
@@ -327,13 +327,13 @@ impl Service {
     /// Sends a raw read between the line's own exchanges.
     ///
     /// # Errors
-    /// As [`Service::may_send`]; [`Failure::NoSuchLine`], or what the line reported.
+    /// As [`Service::may_send`]; [`CommandError::NoSuchLine`], or what the line reported.
     pub async fn raw(
         &self,
         line: &str,
         exchange: Exchange<'static>,
         terms: RawTerms,
-    ) -> Result<ProbeResult, Failure> {
+    ) -> Result<ProbeResult, CommandError> {
         self.may_send(line, &exchange)?;
         let (handle, probe) = self.probe_of(line, exchange, terms)?;
         Ok(handle.probe(probe).await?)
@@ -345,9 +345,9 @@ impl Service {
         line: &str,
         exchange: Exchange<'static>,
         terms: RawTerms,
-    ) -> Result<(Line, Probe), Failure> {
-        let status = self.line(line).ok_or(Failure::NoSuchLine)?;
-        let handle = self.inner.handle(line).ok_or(Failure::Lent)?;
+    ) -> Result<(Line, Probe), CommandError> {
+        let status = self.line(line).ok_or(CommandError::NoSuchLine)?;
+        let handle = self.inner.handle(line).ok_or(CommandError::Lent)?;
         let settings = terms.settings.unwrap_or(status.serial);
         // What the slowest of the families wants.
         let gap = Micros::from_millis(20).max(settings.t3_5());
@@ -366,9 +366,9 @@ impl Service {
     /// line's clock.
     ///
     /// # Errors
-    /// [`Failure::NoSuchLine`], or [`Fault::Closed`] while the line has no port.
-    pub async fn tap(&self, line: &str) -> Result<(Instant, Tap), Failure> {
-        let handle = self.inner.handle(line).ok_or(Failure::NoSuchLine)?;
+    /// [`CommandError::NoSuchLine`], or [`Fault::Closed`] while the line has no port.
+    pub async fn tap(&self, line: &str) -> Result<(Instant, Tap), CommandError> {
+        let handle = self.inner.handle(line).ok_or(CommandError::NoSuchLine)?;
         // A line that is only just being opened will have a port in a moment.
         let _ = handle.opened().await;
         let tap = handle.tap().await?;

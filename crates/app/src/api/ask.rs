@@ -9,7 +9,7 @@ use railbus_api::types::{
 };
 use railbus_device::Point;
 use railbus_site::paths;
-use railbus_site::{Failure, Pulse, Service, ToggleTerms, Within, WriteDone, WriteTerms};
+use railbus_site::{CommandError, Pulse, Service, ToggleTerms, Within, WriteDone, WriteTerms};
 use railbus_wire::Micros;
 use std::time::Instant;
 
@@ -147,10 +147,17 @@ pub async fn write(
 
 /// Why the output of a path was not switched. The path is looked up for the words only: it may be
 /// gone since, and whether something may have happened is said all the same.
-fn not_written(service: &Service, path: &str, failure: &Failure) -> Problem {
+fn not_written(service: &Service, path: &str, failure: &CommandError) -> Problem {
     match find(service, path) {
         Ok((module, point)) => failures::problem(service, &module, Some(point), failure),
-        Err(unknown) if matches!(failure, Failure::NoSuchModule | Failure::NoSuchPoint) => unknown,
+        Err(unknown)
+            if matches!(
+                failure,
+                CommandError::NoSuchModule | CommandError::NoSuchPoint
+            ) =>
+        {
+            unknown
+        }
         Err(_) => {
             let (module, _) = paths::split(path).unwrap_or((path, ""));
             failures::problem(service, module, None, failure)
@@ -284,7 +291,7 @@ pub fn only_line(service: &Service) -> Result<String, Problem> {
     let mut names = config.lines.keys();
     match (names.next(), names.next()) {
         (Some(line), None) => Ok(line.clone()),
-        _ => Err(failures::of_line(service, "", &Failure::NoSuchLine)),
+        _ => Err(failures::of_line(service, "", &CommandError::NoSuchLine)),
     }
 }
 
@@ -300,14 +307,14 @@ mod tests {
         let text = "[line.main]\nport = \"/dev/ttyS99\"\n\
             [module.oven]\nline = \"main\"\nmodel = \"erc8\"\naddress = 3\n";
         let service = Service::start_quiet(Config::parse(text).unwrap()).unwrap();
-        let unknown = Failure::Line(railbus_host::Fault::Unknown);
+        let unknown = CommandError::Line(railbus_host::Fault::Unknown);
         for path in ["oven.k1", "oven.do0", "gone.k1", "gone"] {
             let problem = not_written(&service, path, &unknown);
             assert!(problem.may_have_acted, "{path}: {problem:?}");
-            let missing = not_written(&service, path, &Failure::NoSuchPoint);
+            let missing = not_written(&service, path, &CommandError::NoSuchPoint);
             assert!(!missing.may_have_acted, "{path}: {missing:?}");
         }
-        let missing = not_written(&service, "gone.k1", &Failure::NoSuchModule);
+        let missing = not_written(&service, "gone.k1", &CommandError::NoSuchModule);
         assert_eq!(missing.code, codes::NO_SUCH_MODULE.code);
         service.close().await;
     }

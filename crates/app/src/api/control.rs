@@ -9,7 +9,7 @@ use railbus_api::problem::{Problem, codes};
 use railbus_api::types::SCHEMA;
 use railbus_site::config::{MEMBERS_MAX, Name, Place, Step};
 use railbus_site::{
-    BatchDone, BatchTerms, Config, Failure, GroupState, LeaseTerms, Part, Service, WriteDone,
+    BatchDone, BatchTerms, CommandError, Config, GroupState, LeaseTerms, Part, Service, WriteDone,
 };
 use railbus_wire::Micros;
 use std::collections::{BTreeMap, BTreeSet};
@@ -258,17 +258,17 @@ pub fn names(name: &Name) -> BTreeMap<String, String> {
 }
 
 /// Why a group was not switched.
-pub fn of_group(service: &Service, group: &str, failure: &Failure) -> Problem {
+pub fn of_group(service: &Service, group: &str, failure: &CommandError) -> Problem {
     match failure {
-        Failure::NoSuchGroup => no_such_group(&service.config(), group),
+        CommandError::NoSuchGroup => no_such_group(&service.config(), group),
         failure => failures::of_several(failure).with("group", group),
     }
 }
 
 /// Why a scene was not played.
-pub fn of_scene(service: &Service, scene: &str, failure: &Failure) -> Problem {
+pub fn of_scene(service: &Service, scene: &str, failure: &CommandError) -> Problem {
     match failure {
-        Failure::NoSuchScene => no_such_scene(&service.config(), scene),
+        CommandError::NoSuchScene => no_such_scene(&service.config(), scene),
         failure => failures::of_several(failure).with("scene", scene),
     }
 }

@@ -6,7 +6,7 @@ use railbus_bus::Evidence;
 use railbus_device::{Point, Refusal};
 use railbus_host::{Fault, LineState, PortAccess, PortError, Presence};
 use railbus_site::config::ConfigProblem;
-use railbus_site::{Failure, Service};
+use railbus_site::{CommandError, Service};
 use railbus_wire::Micros;
 use railbus_words::Lang;
 use serde_json::json;
@@ -16,22 +16,24 @@ pub fn problem(
     service: &Service,
     module: &str,
     point: Option<Point>,
-    failure: &Failure,
+    failure: &CommandError,
 ) -> Problem {
     let of_point = |kind, point: &Point| {
         let problem = about(service, Problem::new(kind), module);
         problem.with("point", label(service, module, *point))
     };
     let problem = match failure {
-        Failure::NoSuchModule => no_such_module(service, module),
-        Failure::NoSuchPoint => about(service, Problem::new(codes::NO_SUCH_POINT), module),
-        Failure::NoSuchLine => Problem::new(codes::NO_SUCH_LINE),
-        Failure::Lent => Problem::new(codes::LINE_CLOSED).with("reason", "lent"),
-        Failure::NotAnOutput(point) => of_point(codes::NOT_AN_OUTPUT, point),
-        Failure::Locked(point) => of_point(codes::LOCKED, point),
-        Failure::NotAsAsked(point, is) => of_point(codes::NOT_AS_ASKED, point).with("value", *is),
-        Failure::NotAudited => about(service, Problem::new(codes::NOT_AUDITED), module),
-        Failure::PulseWidth {
+        CommandError::NoSuchModule => no_such_module(service, module),
+        CommandError::NoSuchPoint => about(service, Problem::new(codes::NO_SUCH_POINT), module),
+        CommandError::NoSuchLine => Problem::new(codes::NO_SUCH_LINE),
+        CommandError::Lent => Problem::new(codes::LINE_CLOSED).with("reason", "lent"),
+        CommandError::NotAnOutput(point) => of_point(codes::NOT_AN_OUTPUT, point),
+        CommandError::Locked(point) => of_point(codes::LOCKED, point),
+        CommandError::NotAsAsked(point, is) => {
+            of_point(codes::NOT_AS_ASKED, point).with("value", *is)
+        }
+        CommandError::NotAudited => about(service, Problem::new(codes::NOT_AUDITED), module),
+        CommandError::PulseWidth {
             point,
             asked,
             own,
@@ -41,38 +43,38 @@ pub fn problem(
             let path = format!("{module}.{}", label(service, module, *point));
             pulse_hints(problem, &path, *asked, *own)
         }
-        Failure::Confirm(point) => of_point(codes::CONFIRM, point),
-        Failure::Interlock { point, by } => {
+        CommandError::Confirm(point) => of_point(codes::CONFIRM, point),
+        CommandError::Interlock { point, by } => {
             let problem = of_point(codes::INTERLOCK, point).with("by", by.clone());
             problem.with_hint(format!("railbus set {by} off"))
         }
-        Failure::MinOff { point, left } => {
+        CommandError::MinOff { point, left } => {
             let left = left.0.div_ceil(1_000);
             of_point(codes::MIN_OFF, point).with("retry_after_ms", left)
         }
-        Failure::Unwatched(point) => of_point(codes::UNWATCHED, point),
-        Failure::NoLease(point) => of_point(codes::NO_LEASE, point),
-        Failure::LeaseTime(point) => {
+        CommandError::Unwatched(point) => of_point(codes::UNWATCHED, point),
+        CommandError::NoLease(point) => of_point(codes::NO_LEASE, point),
+        CommandError::LeaseTime(point) => {
             of_point(codes::BAD_REQUEST, point).with("reason", "\"ttl_ms\" is 200 to 3600000")
         }
-        Failure::NotKept(why) => Problem::new(codes::NOT_KEPT).with("reason", why.to_string()),
-        Failure::NotTakenOver(why) => {
+        CommandError::NotKept(why) => Problem::new(codes::NOT_KEPT).with("reason", why.to_string()),
+        CommandError::NotTakenOver(why) => {
             let problem = about(service, Problem::new(codes::NOT_TAKEN_OVER), module);
             problem.with("reason", why.to_string())
         }
-        Failure::Due { path, left } => Problem::new(codes::OUTPUT_DUE)
+        CommandError::Due { path, left } => Problem::new(codes::OUTPUT_DUE)
             .with("path", path.clone())
             .with("retry_after_ms", left.0.div_ceil(1_000)),
-        Failure::NotTried => about(service, Problem::new(codes::NOT_TRIED), module),
-        Failure::Undone => about(service, Problem::new(codes::UNDONE), module),
-        Failure::NotUndone => about(service, Problem::new(codes::NOT_UNDONE), module),
-        Failure::RoleTooLow { .. } | Failure::NotPermitted { .. } | Failure::Limited(_) => {
-            of_rights(failure)
-        }
-        Failure::NoSuchGroup => Problem::new(codes::NO_SUCH_GROUP),
-        Failure::NoSuchScene => Problem::new(codes::NO_SUCH_SCENE),
-        Failure::Playing => Problem::new(codes::PLAYING),
-        Failure::NotRead(fault) | Failure::Line(fault) => {
+        CommandError::NotTried => about(service, Problem::new(codes::NOT_TRIED), module),
+        CommandError::Undone => about(service, Problem::new(codes::UNDONE), module),
+        CommandError::NotUndone => about(service, Problem::new(codes::NOT_UNDONE), module),
+        CommandError::RoleTooLow { .. }
+        | CommandError::NotPermitted { .. }
+        | CommandError::Limited(_) => of_rights(failure),
+        CommandError::NoSuchGroup => Problem::new(codes::NO_SUCH_GROUP),
+        CommandError::NoSuchScene => Problem::new(codes::NO_SUCH_SCENE),
+        CommandError::Playing => Problem::new(codes::PLAYING),
+        CommandError::NotRead(fault) | CommandError::Line(fault) => {
             let problem = of_fault(service, module, fault);
             match point {
                 Some(point) => {
@@ -106,7 +108,7 @@ pub fn of_read(
     service: &Service,
     module: &str,
     point: Option<Point>,
-    failure: &Failure,
+    failure: &CommandError,
 ) -> Problem {
     Problem {
         may_have_acted: false,
@@ -259,20 +261,20 @@ pub fn line_down(line: &LineInfo) -> Problem {
 }
 
 /// The line's error for something other than a command to a module.
-pub fn of_line(service: &Service, line: &str, failure: &Failure) -> Problem {
+pub fn of_line(service: &Service, line: &str, failure: &CommandError) -> Problem {
     let problem = match failure {
-        Failure::NoSuchLine => no_such_line(service, line),
-        Failure::Line(Fault::Closed) | Failure::Lent => line_closed(service, line),
-        Failure::Line(fault) => Problem::new(kind_of(fault)).with("line", line),
-        Failure::NotAudited => Problem::new(codes::NOT_AUDITED).with("line", line),
+        CommandError::NoSuchLine => no_such_line(service, line),
+        CommandError::Line(Fault::Closed) | CommandError::Lent => line_closed(service, line),
+        CommandError::Line(fault) => Problem::new(kind_of(fault)).with("line", line),
+        CommandError::NotAudited => Problem::new(codes::NOT_AUDITED).with("line", line),
         // A frame for an address that is no module's.
-        Failure::NotPermitted { module, .. } if module.is_empty() => {
+        CommandError::NotPermitted { module, .. } if module.is_empty() => {
             Problem::new(codes::POINT_RIGHT).with("line", line)
         }
-        Failure::Due { .. } => problem(service, line, None, failure),
-        Failure::RoleTooLow { .. } | Failure::NotPermitted { .. } | Failure::Limited(_) => {
-            of_rights(failure)
-        }
+        CommandError::Due { .. } => problem(service, line, None, failure),
+        CommandError::RoleTooLow { .. }
+        | CommandError::NotPermitted { .. }
+        | CommandError::Limited(_) => of_rights(failure),
         // A raw frame never ends like this.
         _ => Problem::new(codes::INTERNAL).with("reason", failure.name()),
     };
@@ -283,29 +285,31 @@ pub fn of_line(service: &Service, line: &str, failure: &Failure) -> Problem {
 }
 
 /// Why a caller may not do something.
-pub fn of_rights(failure: &Failure) -> Problem {
+pub fn of_rights(failure: &CommandError) -> Problem {
     match failure {
-        Failure::RoleTooLow { role, need } => {
+        CommandError::RoleTooLow { role, need } => {
             let problem = Problem::new(codes::ROLE).with("role", role.name());
             problem.with("need", need.name())
         }
-        Failure::NotPermitted { module, label } => {
+        CommandError::NotPermitted { module, label } => {
             let problem = Problem::new(codes::POINT_RIGHT).with("module", module.as_str());
             problem.with("point", label.as_str())
         }
-        Failure::Limited(points) => Problem::new(codes::LIMITED).with("points", points.to_vec()),
+        CommandError::Limited(points) => {
+            Problem::new(codes::LIMITED).with("points", points.to_vec())
+        }
         _ => Problem::new(codes::INTERNAL).with("reason", failure.name()),
     }
 }
 
 /// Why a command to outputs of several modules was not carried out.
-pub fn of_several(failure: &Failure) -> Problem {
+pub fn of_several(failure: &CommandError) -> Problem {
     let problem = match failure {
-        Failure::Playing => Problem::new(codes::PLAYING),
-        Failure::NotRead(fault) | Failure::Line(fault) => Problem::new(kind_of(fault)),
-        Failure::RoleTooLow { .. } | Failure::NotPermitted { .. } | Failure::Limited(_) => {
-            of_rights(failure)
-        }
+        CommandError::Playing => Problem::new(codes::PLAYING),
+        CommandError::NotRead(fault) | CommandError::Line(fault) => Problem::new(kind_of(fault)),
+        CommandError::RoleTooLow { .. }
+        | CommandError::NotPermitted { .. }
+        | CommandError::Limited(_) => of_rights(failure),
         // Everything else is the result of one of its outputs.
         _ => Problem::new(codes::INTERNAL).with("reason", failure.name()),
     };

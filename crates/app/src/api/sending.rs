@@ -13,7 +13,7 @@ use railbus_commission::{Risk, is_answered, request};
 use railbus_device::PointKind;
 use railbus_host::{Fault, LateReply};
 use railbus_site::config::{Place, PointConfig};
-use railbus_site::{Config, Failure, RawTerms, Service};
+use railbus_site::{CommandError, Config, RawTerms, Service};
 use railbus_wire::{
     Baud, Character, Exchange, Frame, Micros, Protocol, SerialSettings, foreign_command, lc02,
 };
@@ -169,7 +169,7 @@ pub async fn carry_out(
     plan: RawSend,
 ) -> Result<SendAnswer, Problem> {
     let (line, asked) = (plan.line.as_str(), plan.asked);
-    let failed = |failure: Failure| Problem {
+    let failed = |failure: CommandError| Problem {
         may_have_acted: plan.changes() && failure.may_have_acted(),
         ..failures::of_line(service, line, &failure)
     };
@@ -182,7 +182,7 @@ pub async fn carry_out(
         let met = service.raw(line, asked, plan.terms).await;
         // A read has no effect.
         let met = met.map_err(|failure| match failure {
-            Failure::Line(Fault::Unknown) => failed(Fault::Closed.into()),
+            CommandError::Line(Fault::Unknown) => failed(Fault::Closed.into()),
             failure => failed(failure),
         });
         (met?, None)

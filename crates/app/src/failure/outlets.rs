@@ -10,7 +10,7 @@ use railbus_api::problem::Problem;
 use railbus_bus::Evidence;
 use railbus_device::{Point, PointKind, Refusal};
 use railbus_host::Fault;
-use railbus_site::{Config, Failure as SiteFailure, Role, Service};
+use railbus_site::{CommandError, Config, Role, Service};
 use railbus_wire::Micros;
 use railbus_words::Lang;
 use std::io::ErrorKind;
@@ -62,98 +62,98 @@ fn faults() -> Vec<(Fault, bool)> {
 }
 
 /// All failures, and the meaning of each.
-fn failures() -> Vec<(SiteFailure, bool)> {
+fn failures() -> Vec<(CommandError, bool)> {
     let point = POINT;
     let mut all = vec![
-        SiteFailure::NoSuchLine,
-        SiteFailure::NoSuchModule,
-        SiteFailure::NoSuchPoint,
-        SiteFailure::Lent,
-        SiteFailure::NotAnOutput(point),
-        SiteFailure::Locked(point),
-        SiteFailure::NotAsAsked(point, true),
-        SiteFailure::PulseWidth {
+        CommandError::NoSuchLine,
+        CommandError::NoSuchModule,
+        CommandError::NoSuchPoint,
+        CommandError::Lent,
+        CommandError::NotAnOutput(point),
+        CommandError::Locked(point),
+        CommandError::NotAsAsked(point, true),
+        CommandError::PulseWidth {
             point,
             asked: None,
             own: None,
             pulse_mode: false,
         },
-        SiteFailure::NotAudited,
-        SiteFailure::Confirm(point),
-        SiteFailure::Interlock {
+        CommandError::NotAudited,
+        CommandError::Confirm(point),
+        CommandError::Interlock {
             point,
             by: "oven.k2".to_owned(),
         },
-        SiteFailure::MinOff {
+        CommandError::MinOff {
             point,
             left: Micros::ZERO,
         },
-        SiteFailure::Unwatched(point),
-        SiteFailure::NoLease(point),
-        SiteFailure::LeaseTime(point),
-        SiteFailure::NotKept(ErrorKind::StorageFull),
-        SiteFailure::NotTakenOver(ErrorKind::StorageFull),
-        SiteFailure::Due {
+        CommandError::Unwatched(point),
+        CommandError::NoLease(point),
+        CommandError::LeaseTime(point),
+        CommandError::NotKept(ErrorKind::StorageFull),
+        CommandError::NotTakenOver(ErrorKind::StorageFull),
+        CommandError::Due {
             path: "oven.k1".to_owned(),
             left: Micros::ZERO,
         },
-        SiteFailure::NotTried,
-        SiteFailure::Undone,
-        SiteFailure::NotUndone,
-        SiteFailure::RoleTooLow {
+        CommandError::NotTried,
+        CommandError::Undone,
+        CommandError::NotUndone,
+        CommandError::RoleTooLow {
             role: Role::Viewer,
             need: Role::Operator,
         },
-        SiteFailure::NotPermitted {
+        CommandError::NotPermitted {
             module: "oven".to_owned(),
             label: "k1".to_owned(),
         },
-        SiteFailure::Limited(["oven.k1".to_owned()].into()),
-        SiteFailure::NoSuchGroup,
-        SiteFailure::NoSuchScene,
-        SiteFailure::Playing,
+        CommandError::Limited(["oven.k1".to_owned()].into()),
+        CommandError::NoSuchGroup,
+        CommandError::NoSuchScene,
+        CommandError::Playing,
     ];
     all.extend(
         faults()
             .into_iter()
-            .map(|(fault, _)| SiteFailure::NotRead(fault)),
+            .map(|(fault, _)| CommandError::NotRead(fault)),
     );
     all.extend(
         faults()
             .into_iter()
-            .map(|(fault, _)| SiteFailure::Line(fault)),
+            .map(|(fault, _)| CommandError::Line(fault)),
     );
     let each = all.into_iter().map(|failure| {
         // A new failure needs an arm here, and an entry in the list above.
         let acted = match &failure {
-            SiteFailure::NoSuchLine
-            | SiteFailure::NoSuchModule
-            | SiteFailure::NoSuchPoint
-            | SiteFailure::Lent
-            | SiteFailure::NotAnOutput(_)
-            | SiteFailure::Locked(_)
-            | SiteFailure::NotAsAsked(..)
-            | SiteFailure::PulseWidth { .. }
-            | SiteFailure::NotAudited
-            | SiteFailure::Confirm(_)
-            | SiteFailure::Interlock { .. }
-            | SiteFailure::MinOff { .. }
-            | SiteFailure::Unwatched(_)
-            | SiteFailure::NoLease(_)
-            | SiteFailure::LeaseTime(_)
-            | SiteFailure::NotKept(_)
-            | SiteFailure::Due { .. }
-            | SiteFailure::NotTried
-            | SiteFailure::Undone
-            | SiteFailure::RoleTooLow { .. }
-            | SiteFailure::NotPermitted { .. }
-            | SiteFailure::Limited(_)
-            | SiteFailure::NoSuchGroup
-            | SiteFailure::NoSuchScene
-            | SiteFailure::Playing
-            | SiteFailure::NotRead(_) => false,
-            SiteFailure::NotUndone | SiteFailure::NotTakenOver(_) => true,
-            SiteFailure::Line(fault) => {
+            CommandError::NoSuchLine
+            | CommandError::NoSuchModule
+            | CommandError::NoSuchPoint
+            | CommandError::Lent
+            | CommandError::NotAnOutput(_)
+            | CommandError::Locked(_)
+            | CommandError::NotAsAsked(..)
+            | CommandError::PulseWidth { .. }
+            | CommandError::NotAudited
+            | CommandError::Confirm(_)
+            | CommandError::Interlock { .. }
+            | CommandError::MinOff { .. }
+            | CommandError::Unwatched(_)
+            | CommandError::NoLease(_)
+            | CommandError::LeaseTime(_)
+            | CommandError::NotKept(_)
+            | CommandError::Due { .. }
+            | CommandError::NotTried
+            | CommandError::Undone
+            | CommandError::RoleTooLow { .. }
+            | CommandError::NotPermitted { .. }
+            | CommandError::Limited(_)
+            | CommandError::NoSuchGroup
+            | CommandError::NoSuchScene
+            | CommandError::Playing
+            | CommandError::NotRead(_) => false,
+            CommandError::NotUndone | CommandError::NotTakenOver(_) => true,
+            CommandError::Line(fault) => {
                 let known = faults().into_iter().find(|(known, _)| known == fault);
                 known.expect("it is in the list").1
             }

@@ -6,7 +6,7 @@ use super::turns::Turn;
 use super::within::Within;
 use crate::config::{Config, Place};
 use crate::rights::Who;
-use crate::{Failure, WriteDone, WriteTerms};
+use crate::{CommandError, WriteDone, WriteTerms};
 use railbus_device::{Bank, Module, Point};
 use railbus_host::{Confirmation, Fault};
 use railbus_wire::Micros;
@@ -46,7 +46,7 @@ pub struct Part {
     /// The requested state.
     pub wanted: bool,
     /// How it ended.
-    pub end: Result<PartDone, Failure>,
+    pub end: Result<PartDone, CommandError>,
 }
 
 /// How one output of a batch was switched.
@@ -187,8 +187,8 @@ impl Context {
             self.undo(who, &mut done, items, &before, &held).await;
             for part in &mut done.parts {
                 let is_cut = cut.contains_key(&part.place);
-                if is_cut && part.end == Err(Failure::Undone) {
-                    (part.end, done.undone) = (Err(Failure::NotUndone), false);
+                if is_cut && part.end == Err(CommandError::Undone) {
+                    (part.end, done.undone) = (Err(CommandError::NotUndone), false);
                 }
             }
             return done;
@@ -196,7 +196,7 @@ impl Context {
         let places: Vec<Place> = items.iter().map(|item| item.1.clone()).collect();
         if let Err(why) = self.hand_outputs_over(&places, None).await {
             for part in &mut done.parts {
-                part.end = Err(Failure::NotTakenOver(why));
+                part.end = Err(CommandError::NotTakenOver(why));
             }
         }
         done
@@ -205,17 +205,17 @@ impl Context {
     /// Switches a group.
     ///
     /// # Errors
-    /// [`Failure::NoSuchGroup`]; for a toggle also those of [`Service::write`] while others command
-    /// it.
+    /// [`CommandError::NoSuchGroup`]; for a toggle also those of [`Service::write`] while others
+    /// command it.
     pub(crate) async fn set_group(
         &self,
         who: &Who,
         group: &str,
         to: GroupState,
         terms: BatchTerms,
-    ) -> Result<BatchDone, Failure> {
+    ) -> Result<BatchDone, CommandError> {
         let since = self.config();
-        let group = since.groups.get(group).ok_or(Failure::NoSuchGroup)?;
+        let group = since.groups.get(group).ok_or(CommandError::NoSuchGroup)?;
         let members = group.members.clone();
         match to {
             GroupState::Set(on) => {
@@ -234,7 +234,7 @@ impl Context {
         who: &Who,
         members: Vec<Place>,
         terms: BatchTerms,
-    ) -> Result<BatchDone, Failure> {
+    ) -> Result<BatchDone, CommandError> {
         // Before the turn: nobody has to wait while a silent module is read.
         let bound = self.bound(terms);
         self.ask_unknown(&members, bound.expires).await;
@@ -351,12 +351,14 @@ impl Context {
         items: &[Item],
         bound: Bound,
         held: &Held,
-    ) -> Vec<Result<PartDone, Failure>> {
+    ) -> Vec<Result<PartDone, CommandError>> {
         let set: Vec<(Point, bool)> = items.iter().map(|(_, at, on)| (at.point, *on)).collect();
         let mut ends = self.switch_points(who, module, &set, bound, held).await;
         let one_must_not = matches!(
             ends.first(),
-            Some(Err(Failure::Interlock { .. } | Failure::MinOff { .. }))
+            Some(Err(
+                CommandError::Interlock { .. } | CommandError::MinOff { .. }
+            ))
         );
         if one_must_not && !bound.terms.all_or_nothing && set.len() > 1 {
             ends.clear();
@@ -378,7 +380,7 @@ impl Context {
         set: &[(Point, bool)],
         Bound { terms, expires }: Bound,
         held: &Held,
-    ) -> Vec<Result<PartDone, Failure>> {
+    ) -> Vec<Result<PartDone, CommandError>> {
         let terms = WriteTerms {
             verify: terms.verify,
             confirm: terms.confirm,
@@ -422,7 +424,7 @@ impl Context {
         before: &States,
         held: &Held,
     ) {
-        let touched = |end: &Result<PartDone, Failure>| match end {
+        let touched = |end: &Result<PartDone, CommandError>| match end {
             Ok(_) => true,
             Err(failure) => failure.may_have_acted(),
         };
@@ -444,7 +446,7 @@ impl Context {
         let parts = back.iter().map(|(_, place, wanted, _)| Part {
             place: place.clone(),
             wanted: *wanted,
-            end: Err(Failure::NotTried),
+            end: Err(CommandError::NotTried),
         });
         let mut undone = BatchDone {
             parts: parts.collect(),
@@ -463,9 +465,9 @@ impl Context {
                 && part.end.is_ok()
             {
                 part.end = Err(if failed {
-                    Failure::NotUndone
+                    CommandError::NotUndone
                 } else {
-                    Failure::Undone
+                    CommandError::Undone
                 });
             }
         }
@@ -482,12 +484,13 @@ impl State {
         terms: BatchTerms,
     ) -> (BatchDone, Vec<Item>) {
         let may = |place: &Place, on| self.may_switch(who, place, on, terms.confirm);
-        let checked = |place: &Place, on| Err(may(place, on).err().unwrap_or(Failure::NotTried));
+        let checked =
+            |place: &Place, on| Err(may(place, on).err().unwrap_or(CommandError::NotTried));
         let done = BatchDone {
             parts: parts(set, checked),
             undone: false,
         };
-        let refused = |part: &Part| part.end != Err(Failure::NotTried);
+        let refused = |part: &Part| part.end != Err(CommandError::NotTried);
         if terms.all_or_nothing && done.parts.iter().any(refused) {
             return (done, Vec::new());
         }
@@ -499,7 +502,13 @@ impl State {
         (done, items)
     }
 
-    fn may_switch(&self, who: &Who, place: &Place, on: bool, confirm: bool) -> Result<(), Failure> {
+    fn may_switch(
+        &self,
+        who: &Who,
+        place: &Place,
+        on: bool,
+        confirm: bool,
+    ) -> Result<(), CommandError> {
         let points = [place.point];
         self.may_command(who, &place.module, &points, confirm)?;
         let rising = points.into_iter().filter(|_| on);
@@ -542,7 +551,7 @@ impl State {
 /// Outputs with the end of each.
 fn parts(
     set: &[(Place, bool)],
-    end: impl Fn(&Place, bool) -> Result<PartDone, Failure>,
+    end: impl Fn(&Place, bool) -> Result<PartDone, CommandError>,
 ) -> Vec<Part> {
     let parts = set.iter().map(|(place, on)| Part {
         place: place.clone(),

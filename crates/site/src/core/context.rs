@@ -4,7 +4,7 @@
 
 use super::state::State;
 use super::{Begun, LineId, Output};
-use crate::Failure;
+use crate::CommandError;
 use crate::config::Config;
 use crate::service::lock;
 use railbus_device::Op;
@@ -32,7 +32,7 @@ pub(crate) enum Reply {
     /// The line has ended an op.
     Ran(Result<Done, Fault>),
     /// What is about to be done is written down, or may not be done.
-    Begun(Result<Begun, Failure>),
+    Begun(Result<Begun, CommandError>),
     /// A line has taken its new modules.
     Changed,
     /// Whether a configuration was written.
@@ -326,7 +326,7 @@ impl Context {
         label: Option<String>,
         note: Note,
         before: String,
-    ) -> Result<Begun, Failure> {
+    ) -> Result<Begun, CommandError> {
         let begin = |request| Output::Begin {
             request,
             module,
@@ -336,7 +336,7 @@ impl Context {
         };
         match self.ask(begin).await {
             Some(Reply::Begun(begun)) => begun,
-            _ => Err(Failure::NotAudited),
+            _ => Err(CommandError::NotAudited),
         }
     }
 

@@ -3,7 +3,7 @@
 use super::context::Context;
 use super::schedule::STOP_MAX;
 use super::state::State;
-use crate::Failure;
+use crate::CommandError;
 use crate::config::{Config, Place};
 use crate::service::Update;
 use railbus_host::{Fault, LineState, PortError};
@@ -54,13 +54,13 @@ impl Drop for Lending {
 impl Context {
     /// Closes the port of a line and leaves it to the caller until [`Context::give_back`]. Pulses
     /// and leases of its outputs end before that; commands under way get a second to end.
-    pub(crate) async fn lend_line(&self, line: &str) -> Result<Exclusive, Failure> {
+    pub(crate) async fn lend_line(&self, line: &str) -> Result<Exclusive, CommandError> {
         let _turn = self.line_turn_if_free().await?;
         let loan = self.with(|state| {
             state.time_to_lend(line)?;
-            let now = state.lines.get_mut(line).ok_or(Failure::NoSuchLine)?;
+            let now = state.lines.get_mut(line).ok_or(CommandError::NoSuchLine)?;
             if now.lent.is_some() {
-                return Err(Failure::Lent);
+                return Err(CommandError::Lent);
             }
             state.newest_loan += 1;
             let loan = LoanId(state.newest_loan);
@@ -86,7 +86,7 @@ impl Context {
                 now.state = LineState::Absent(Arc::new(PortError::Exclusive));
             }
             let time = Micros(u64::try_from(time.as_micros()).unwrap_or(u64::MAX));
-            Ok::<_, Failure>(state.now.site + time)
+            Ok::<_, CommandError>(state.now.site + time)
         })?;
         self.closed(&[line.to_owned()]).await;
         drop(turns);
@@ -167,7 +167,7 @@ impl State {
     }
 
     /// How long a line can be lent: what its outputs have until they must be switched off.
-    fn time_to_lend(&self, line: &str) -> Result<Duration, Failure> {
+    fn time_to_lend(&self, line: &str) -> Result<Duration, CommandError> {
         if self.is_stopping() {
             return Err(Fault::Closed.into());
         }
@@ -178,7 +178,7 @@ impl State {
         };
         match left.checked_sub(SAFE) {
             Some(time) if time >= LOAN_MIN => Ok(time.min(LOAN_MAX)),
-            _ => Err(Failure::Due {
+            _ => Err(CommandError::Due {
                 path: self.site.config().path(&place),
                 left: Micros(u64::try_from(left.as_micros()).unwrap_or(u64::MAX)),
             }),

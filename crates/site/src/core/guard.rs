@@ -4,7 +4,7 @@
 
 use super::state::State;
 use crate::config::Place;
-use crate::{Failure, PointChange, PointQuality, PointValue};
+use crate::{CommandError, PointChange, PointQuality, PointValue};
 use railbus_wire::{Instant, Micros};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -34,7 +34,7 @@ struct Output {
 impl State {
     /// Registers a command that is about to switch these outputs on, or refuses it if that is not
     /// safe. Ends with [`Guard::ended`].
-    pub(super) fn rise(&mut self, rising: &[Place]) -> Result<(), Failure> {
+    pub(super) fn rise(&mut self, rising: &[Place]) -> Result<(), CommandError> {
         for place in rising {
             self.check_interlock(place, rising)?;
             self.check_min_off(place)?;
@@ -46,7 +46,7 @@ impl State {
     }
 
     /// No output that this one excludes is on, or may be.
-    fn check_interlock(&self, place: &Place, rising: &[Place]) -> Result<(), Failure> {
+    fn check_interlock(&self, place: &Place, rising: &[Place]) -> Result<(), CommandError> {
         let config = self.site.config();
         let excluded = config.safety(place).map(|safety| &safety.interlock);
         let on = excluded
@@ -55,7 +55,7 @@ impl State {
             .find(|other| rising.contains(other) || self.may_be_on(other));
         match on {
             None => Ok(()),
-            Some(other) => Err(Failure::Interlock {
+            Some(other) => Err(CommandError::Interlock {
                 point: place.point,
                 by: config.path(other),
             }),
@@ -63,7 +63,7 @@ impl State {
     }
 
     /// It has been off for long enough, or is on.
-    fn check_min_off(&self, place: &Place) -> Result<(), Failure> {
+    fn check_min_off(&self, place: &Place) -> Result<(), CommandError> {
         let safety = self.site.config().safety(place);
         let Some(min_off) = safety.and_then(|safety| safety.min_off) else {
             return Ok(());
@@ -76,7 +76,7 @@ impl State {
         let free_at = free_at.or(self.guard.polls.then_some(min_off));
         match free_at.map(|free_at| free_at - self.now.site) {
             None | Some(Micros::ZERO) => Ok(()),
-            Some(left) => Err(Failure::MinOff {
+            Some(left) => Err(CommandError::MinOff {
                 point: place.point,
                 left,
             }),
@@ -286,7 +286,7 @@ mod tests {
         state.lines.get_mut("main").unwrap().began = Micros::from_secs(9);
         state.now.site = Micros::from_secs(9);
         let refused = state.rise(&[place(1)]);
-        assert!(matches!(refused, Err(Failure::Interlock { .. })));
+        assert!(matches!(refused, Err(CommandError::Interlock { .. })));
         state.lines.get_mut("main").unwrap().began = hour;
         state.now.site = hour;
         assert_eq!(state.rise(&[place(1)]), Ok(()));

@@ -9,7 +9,7 @@ use super::within::{TTL, Within};
 use super::write::note;
 use crate::config::Place;
 use crate::rights::Who;
-use crate::{Failure, WriteDone, WriteTerms};
+use crate::{CommandError, WriteDone, WriteTerms};
 use railbus_device::Point;
 use railbus_wire::Micros;
 use std::time::Duration;
@@ -46,12 +46,12 @@ impl Context {
         point: Point,
         (value, time): (bool, Micros),
         terms: LeaseTerms,
-    ) -> Result<Leased, Failure> {
+    ) -> Result<Leased, CommandError> {
         let LeaseTerms { confirm, within } = terms;
         let expires = self.expires(within);
         self.with(|state| state.may_command(who, module, &[point], confirm))?;
         if !(LEASE_MIN..=LEASE_MAX).contains(&time) {
-            return Err(Failure::LeaseTime(point));
+            return Err(CommandError::LeaseTime(point));
         }
         if value {
             self.with(|state| state.watched(module, [point]))?;
@@ -72,7 +72,7 @@ impl Context {
         });
         if let Some((number, _)) = held {
             let renewed = self.renew(number, length).await;
-            if renewed.map_err(Failure::NotKept)? {
+            if renewed.map_err(CommandError::NotKept)? {
                 let left = self.with(|state| state.time_to(&key));
                 return Ok(Leased {
                     written: None,
@@ -103,18 +103,23 @@ impl Context {
         who: &Who,
         module: &str,
         point: Point,
-    ) -> Result<Option<WriteDone>, Failure> {
+    ) -> Result<Option<WriteDone>, CommandError> {
         self.with(|state| state.may_command(who, module, &[point], true))?;
         let expires = self.now() + TTL;
         let turn = self.turn(places(module, &[point]), expires).await?;
         let key = (Place::new(module, point), Why::Lease);
         let (number, held) = self.with(|state| {
             state.may_command(who, module, &[point], true)?;
-            state.schedule.find(&key).ok_or(Failure::NoLease(point))
+            state
+                .schedule
+                .find(&key)
+                .ok_or(CommandError::NoLease(point))
         })?;
         let Some(on) = held.end else {
             // It stays as it is: a pulse that may have begun still has to end.
-            self.give_up(&key).await.map_err(Failure::NotTakenOver)?;
+            self.give_up(&key)
+                .await
+                .map_err(CommandError::NotTakenOver)?;
             return Ok(None);
         };
         // If this fails, it is switched when its time is over.

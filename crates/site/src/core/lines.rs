@@ -8,7 +8,7 @@ use super::state::State;
 use super::{LineId, Output};
 use crate::config::Config;
 use crate::service::{Busy, Update};
-use crate::{BadReason, Failure};
+use crate::{BadReason, CommandError};
 use railbus_host::{Fault, LineState, PortError};
 use railbus_wire::Micros;
 use std::collections::VecDeque;
@@ -140,7 +140,7 @@ impl Context {
     ///
     /// # Errors
     /// [`Fault::Overloaded`].
-    pub(super) async fn line_turn_if_free(&self) -> Result<LineTurn, Failure> {
+    pub(super) async fn line_turn_if_free(&self) -> Result<LineTurn, CommandError> {
         if self.with(|state| state.line_turns.queue.len() >= WAITING_MAX) {
             return Err(Fault::Overloaded.into());
         }

@@ -10,7 +10,7 @@ use super::state::State;
 use super::turns::Turn;
 use super::within::TTL;
 use crate::config::{Place, Safety};
-use crate::{Failure, PointValue, WriteDone};
+use crate::{CommandError, PointValue, WriteDone};
 use railbus_device::{Bank, Module, Observation, Op, Point};
 use railbus_host::{Confirmation, Done, Fault};
 use railbus_store::audit::{End, Note};
@@ -104,7 +104,7 @@ impl Context {
         order: Order<'_>,
         entry: &mut Entry,
         wanted: impl Fn(Point) -> Option<bool>,
-    ) -> Result<WriteDone, Failure> {
+    ) -> Result<WriteDone, CommandError> {
         let Order { module, points, .. } = order;
         let mut effect = self.with(|state| state.effect(module, points, &order.op));
         self.ask_excluded(&effect.rising, order.expires).await;
@@ -171,7 +171,7 @@ impl Context {
         module: &str,
         points: &[Point],
         entry: &mut Entry,
-    ) -> Result<(Begun, Vec<(Point, Option<bool>)>), Failure> {
+    ) -> Result<(Begun, Vec<(Point, Option<bool>)>), CommandError> {
         let (before, states, label) = self.with(|state| {
             let before = |point: &Point| (*point, state.known(&Place::new(module, *point)));
             let before: Vec<_> = points.iter().map(before).collect();
@@ -268,8 +268,8 @@ impl Context {
     /// Asks a module for everything now, until then. What it says is known when this returns.
     ///
     /// # Errors
-    /// [`Failure::NoSuchModule`], or what the line said.
-    pub(super) async fn read_all(&self, module: &str, expires: Micros) -> Result<(), Failure> {
+    /// [`CommandError::NoSuchModule`], or what the line said.
+    pub(super) async fn read_all(&self, module: &str, expires: Micros) -> Result<(), CommandError> {
         let setup = self.with(|state| state.described(module).map(|module| module.setup))?;
         let described = Module::new(setup).map_err(|_| Fault::Unsupported)?;
         for op in described.full_poll() {
@@ -282,7 +282,7 @@ impl Context {
     ///
     /// # Errors
     /// The same.
-    pub(crate) async fn read_fresh(&self, module: &str) -> Result<(), Failure> {
+    pub(crate) async fn read_fresh(&self, module: &str) -> Result<(), CommandError> {
         self.read_all(module, self.now() + TTL).await
     }
 
@@ -434,8 +434,8 @@ pub(super) fn places(module: &str, points: &[Point]) -> impl Iterator<Item = Pla
     points.iter().map(move |point| Place::new(module, *point))
 }
 
-pub(super) fn channel(point: Point) -> Result<Channel, Failure> {
-    Channel::new(point.index).ok_or(Failure::NoSuchPoint)
+pub(super) fn channel(point: Point) -> Result<Channel, CommandError> {
+    Channel::new(point.index).ok_or(CommandError::NoSuchPoint)
 }
 
 pub(super) fn bank_state(bank: Bank, point: Point) -> Option<bool> {

@@ -9,7 +9,7 @@ use super::within::{TTL, Within};
 use super::write::note;
 use crate::config::{Config, Place};
 use crate::rights::Who;
-use crate::{Failure, Pulses};
+use crate::{CommandError, Pulses};
 use railbus_device::{Bank, Observation, Op, Point, PulseTiming};
 use railbus_host::Confirmation;
 use railbus_wire::{Micros, r55::U24};
@@ -80,7 +80,7 @@ impl Context {
         module: &str,
         point: Point,
         pulse: Pulse,
-    ) -> Result<PulseDone, Failure> {
+    ) -> Result<PulseDone, CommandError> {
         let since = self.config();
         self.pulse_since(&since, who, module, point, pulse).await
     }
@@ -94,7 +94,7 @@ impl Context {
         module: &str,
         point: Point,
         pulse: Pulse,
-    ) -> Result<PulseDone, Failure> {
+    ) -> Result<PulseDone, CommandError> {
         self.with(|state| state.may_command(who, module, &[point], pulse.confirm))?;
         let expires = self.expires(pulse.within);
         let output = [Place::new(module, point)];
@@ -155,9 +155,9 @@ impl Context {
         point: Point,
         pulse: Pulse,
         expires: Micros,
-    ) -> Result<Way, Failure> {
+    ) -> Result<Way, CommandError> {
         let setup = self.with(|state| state.described(module).map(|module| module.setup))?;
-        let refused = |pulses: Option<Pulses>| Failure::PulseWidth {
+        let refused = |pulses: Option<Pulses>| CommandError::PulseWidth {
             point,
             asked: pulse.width,
             own: pulses.map(own_width),
@@ -201,7 +201,7 @@ impl Context {
     }
 
     /// Which outputs of the module give pulses; it is asked where that is not known.
-    async fn pulses(&self, module: &str, expires: Micros) -> Result<Pulses, Failure> {
+    async fn pulses(&self, module: &str, expires: Micros) -> Result<Pulses, CommandError> {
         let known = self.with(|state| state.site.pulses(module));
         if let Some(pulses) = known {
             return Ok(pulses);

@@ -7,7 +7,7 @@ use super::state::State;
 use super::{LineId, Output};
 use crate::config::{Config, LineConfig, ModuleConfig, Place};
 use crate::service::Update;
-use crate::{Failure, Rights};
+use crate::{CommandError, Rights};
 use railbus_device::{Module, PointKind, Setup};
 use railbus_host::{Fault, LineState, ModuleChanges, ModuleId, PortError};
 use railbus_store::history::{Event, EventKind, Severity};
@@ -48,7 +48,7 @@ impl Context {
         rights: &Rights,
         config: Config,
         store: Option<Store>,
-    ) -> Result<Option<Reloaded>, Failure> {
+    ) -> Result<Option<Reloaded>, CommandError> {
         let _turn = self.line_turn_if_free().await?;
         rights.may_reload(&self.config(), &config)?;
         self.reload_in_turn(config, store).await
@@ -59,7 +59,7 @@ impl Context {
         &self,
         config: Config,
         store: Option<Store>,
-    ) -> Result<Option<Reloaded>, Failure> {
+    ) -> Result<Option<Reloaded>, CommandError> {
         let config = Arc::new(config);
         // What was to be done later to outputs whose names are about to stand for others is done
         // now: afterwards it would meet no board, or another one. They accept no commands until

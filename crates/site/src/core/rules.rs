@@ -8,7 +8,7 @@ use crate::config::{Action, Config, Place, Rule, When};
 use crate::rights::Who;
 use crate::rules::{Deadline, Fact, Moment, Output, Phase, RuleEngine};
 use crate::service::{RuleStatus, Update};
-use crate::{Failure, PointQuality, PointValue, Pulse, WriteTerms};
+use crate::{CommandError, PointQuality, PointValue, Pulse, WriteTerms};
 use jiff::tz::TimeZone;
 use railbus_host::{LineState, PortError, Presence};
 use railbus_store::audit::Origin;
@@ -366,7 +366,7 @@ impl State {
         }
     }
 
-    fn failed(&mut self, id: &str, action: &Action, failure: &Failure) {
+    fn failed(&mut self, id: &str, action: &Action, failure: &CommandError) {
         let mut event = of_rule(id, Severity::Error, "rule_failed");
         if let Action::Set(place, _) | Action::Pulse(place, _) = action {
             let label = self.label(&place.module, place.point);
@@ -405,7 +405,7 @@ impl Context {
                     });
                     Ok(())
                 }
-                _ if has_failed => Err(Failure::NotTried),
+                _ if has_failed => Err(CommandError::NotTried),
                 Action::Set(Place { module, point }, on) => {
                     let (set, terms) = ([(*point, *on)], WriteTerms::default());
                     let terms = (terms, self.expires(terms.within));

@@ -4,7 +4,7 @@ use super::batch::{BatchDone, BatchTerms, Part, parts_of};
 use super::context::Context;
 use crate::config::{Config, Place, Scene, Step};
 use crate::rights::Who;
-use crate::{Failure, WriteTerms};
+use crate::{CommandError, WriteTerms};
 use railbus_wire::Micros;
 
 /// A running scene. It ends when this is dropped.
@@ -34,12 +34,12 @@ impl Context {
         who: &Who,
         scene: &str,
         terms: BatchTerms,
-    ) -> Result<BatchDone, Failure> {
+    ) -> Result<BatchDone, CommandError> {
         let since = self.config();
         let known: Option<&Scene> = since.scenes.get(scene);
-        let steps = &known.ok_or(Failure::NoSuchScene)?.steps;
+        let steps = &known.ok_or(CommandError::NoSuchScene)?.steps;
         if !self.with(|state| state.playing.insert(scene.to_owned())) {
-            return Err(Failure::Playing);
+            return Err(CommandError::Playing);
         }
         let _playing = Playing {
             context: self.clone(),
@@ -111,7 +111,7 @@ impl Context {
                 let terms = (terms, self.expires(within));
                 self.write_since(since, who, &module, &set, terms).await
             }
-            None => Err(Failure::NotTried),
+            None => Err(CommandError::NotTried),
         };
         let ends: Vec<_> = match end {
             Ok(done) => parts_of(&done).into_iter().map(Ok).collect(),

@@ -15,7 +15,7 @@ use crate::config::{ModuleConfig, Place};
 use crate::health::Health;
 use crate::rights::Who;
 use crate::service::Update;
-use crate::{BadReason, Config, Failure, PointChange, PointQuality, PointValue, Site};
+use crate::{BadReason, CommandError, Config, PointChange, PointQuality, PointValue, Site};
 use railbus_device::{Point, PointKind};
 use railbus_host::{Event, Fault, LineEvent, LineState, ModuleId, Presence};
 use railbus_wire::{Instant, Micros};
@@ -145,9 +145,9 @@ impl State {
         Instant(0) + (self.now.site - began)
     }
 
-    pub(super) fn described(&self, module: &str) -> Result<&ModuleConfig, Failure> {
+    pub(super) fn described(&self, module: &str) -> Result<&ModuleConfig, CommandError> {
         let config = self.site.config().modules.get(module);
-        config.ok_or(Failure::NoSuchModule)
+        config.ok_or(CommandError::NoSuchModule)
     }
 
     /// Whether this caller may switch these points now, by the present configuration. Asked when
@@ -158,7 +158,7 @@ impl State {
         module: &str,
         points: &[Point],
         confirm: bool,
-    ) -> Result<(), Failure> {
+    ) -> Result<(), CommandError> {
         let config = self.site.config();
         let may_switch = |point: &Point| who.rights.may_switch_in(config, module, *point);
         points.iter().try_for_each(may_switch)?;
@@ -169,7 +169,7 @@ impl State {
         let safety = |point: &Point| config.safety(&Place::new(module, *point));
         let asks = |point: &&Point| safety(point).is_some_and(|safety| safety.confirm.is_some());
         match points.iter().find(asks) {
-            Some(point) if !confirm => Err(Failure::Confirm(*point)),
+            Some(point) if !confirm => Err(CommandError::Confirm(*point)),
             _ => Ok(()),
         }
     }
@@ -180,32 +180,32 @@ impl State {
         &self,
         module: &str,
         on: impl IntoIterator<Item = Point>,
-    ) -> Result<(), Failure> {
+    ) -> Result<(), CommandError> {
         let limited = |point: &Point| {
             let safety = self.site.config().safety(&Place::new(module, *point));
             safety.is_some_and(|safety| safety.max_on.is_some())
         };
         match on.into_iter().find(limited) {
-            Some(point) if !self.polls => Err(Failure::Unwatched(point)),
+            Some(point) if !self.polls => Err(CommandError::Unwatched(point)),
             _ => Ok(()),
         }
     }
 
     /// Whether these points are outputs that may be written.
-    pub(super) fn writable(&self, module: &str, points: &[Point]) -> Result<(), Failure> {
+    pub(super) fn writable(&self, module: &str, points: &[Point]) -> Result<(), CommandError> {
         let config = self.described(module)?;
         if points.is_empty() {
-            return Err(Failure::NoSuchPoint);
+            return Err(CommandError::NoSuchPoint);
         }
         for point in points {
             if point.index >= config.setup.count(point.kind) {
-                return Err(Failure::NoSuchPoint);
+                return Err(CommandError::NoSuchPoint);
             }
             if point.kind != PointKind::Output {
-                return Err(Failure::NotAnOutput(*point));
+                return Err(CommandError::NotAnOutput(*point));
             }
             if config.points.get(point).is_some_and(|point| point.locked) {
-                return Err(Failure::Locked(*point));
+                return Err(CommandError::Locked(*point));
             }
         }
         Ok(())

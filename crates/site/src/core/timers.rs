@@ -11,7 +11,7 @@ use super::turns::Turn;
 use super::within::TTL;
 use crate::config::Place;
 use crate::service::lock;
-use crate::{Failure, PointChange, PointValue, WriteDone};
+use crate::{CommandError, PointChange, PointValue, WriteDone};
 use railbus_device::{Bank, Op};
 use railbus_host::{Confirmation, Fault};
 use railbus_store::audit::{Note, Origin};
@@ -233,7 +233,7 @@ impl Context {
         &self,
         turn: &Turn,
         begin: Begin,
-    ) -> Result<(WriteDone, Duration), Failure> {
+    ) -> Result<(WriteDone, Duration), CommandError> {
         let Begin {
             key,
             value,
@@ -249,7 +249,7 @@ impl Context {
         let kept = match is_stopping {
             // Nobody would wait for its end.
             true => Err(Fault::Closed.into()),
-            false => self.keep().await.map_err(Failure::NotKept),
+            false => self.keep().await.map_err(CommandError::NotKept),
         };
         let begun = match kept {
             Ok(()) => {
@@ -277,7 +277,7 @@ impl Context {
                     .hand_outputs_over(std::slice::from_ref(place), Some((number, anew)))
                     .await;
                 match taken {
-                    Err(why) if !is_alone => Err(Failure::NotTakenOver(why)),
+                    Err(why) if !is_alone => Err(CommandError::NotTakenOver(why)),
                     // Where the disk refuses, it ends as was written down before.
                     _ => {
                         let left = self.with(|state| state.time_to(&timer.key));
@@ -341,12 +341,14 @@ impl Context {
                 state.schedule.leave_out(is_of);
                 true
             }
-            Err(Failure::Interlock { .. }) if key.1.is_policy() => !state.comes_free(key),
+            Err(CommandError::Interlock { .. }) if key.1.is_policy() => !state.comes_free(key),
             // What was acknowledged and not seen is not believed. Who locks an output does not keep
             // it from its end, which was promised before.
             _ => matches!(
                 state.writable(module, &[*point]),
-                Err(Failure::NoSuchModule | Failure::NoSuchPoint | Failure::NotAnOutput(_))
+                Err(CommandError::NoSuchModule
+                    | CommandError::NoSuchPoint
+                    | CommandError::NotAnOutput(_))
             ),
         })
     }

@@ -4,7 +4,7 @@ use super::context::Context;
 use super::order::{Entry, Order, bank_state, channel, places};
 use super::turns::Turn;
 use super::within::Within;
-use crate::Failure;
+use crate::CommandError;
 use crate::config::Config;
 use crate::config::Place;
 use crate::rights::Who;
@@ -82,7 +82,7 @@ impl Context {
         module: &str,
         set: &[(Point, bool)],
         terms: WriteTerms,
-    ) -> Result<WriteDone, Failure> {
+    ) -> Result<WriteDone, CommandError> {
         let since = self.config();
         let expires = self.expires(terms.within);
         self.write_since(&since, who, module, set, (terms, expires))
@@ -98,7 +98,7 @@ impl Context {
         module: &str,
         set: &[(Point, bool)],
         (terms, expires): (WriteTerms, Micros),
-    ) -> Result<WriteDone, Failure> {
+    ) -> Result<WriteDone, CommandError> {
         let points: Vec<Point> = set.iter().map(|(point, _)| *point).collect();
         self.with(|state| state.may_command(who, module, &points, terms.confirm))?;
         let turn = self.turn_since(since, places(module, &points), expires);
@@ -113,7 +113,7 @@ impl Context {
                 other.copied()
             });
             if let Some(point) = other {
-                return Err(Failure::NotAsAsked(point, !wanted));
+                return Err(CommandError::NotAsAsked(point, !wanted));
             }
         }
         let on = set.iter().filter(|(_, on)| *on).map(|(point, _)| *point);
@@ -132,7 +132,7 @@ impl Context {
         set: &[(Point, bool)],
         terms: WriteTerms,
         expires: Micros,
-    ) -> Result<WriteDone, Failure> {
+    ) -> Result<WriteDone, CommandError> {
         let points: Vec<Point> = set.iter().map(|(point, _)| *point).collect();
         let mut bank = Bank::default();
         for (point, on) in set {
@@ -146,7 +146,7 @@ impl Context {
         };
         let what = self.with(|state| {
             state.writable(module, &points)?;
-            Ok::<_, Failure>(state.describe(module, set))
+            Ok::<_, CommandError>(state.describe(module, set))
         })?;
         let order = Order {
             module,
@@ -168,7 +168,7 @@ impl Context {
         module: &str,
         point: Point,
         terms: ToggleTerms,
-    ) -> Result<WriteDone, Failure> {
+    ) -> Result<WriteDone, CommandError> {
         let ToggleTerms {
             raw,
             confirm,
@@ -181,7 +181,7 @@ impl Context {
         let done = if raw {
             let what = self.with(|state| {
                 state.watched(module, [point])?;
-                Ok::<_, Failure>(format!("toggle {}", state.label(module, point)))
+                Ok::<_, CommandError>(format!("toggle {}", state.label(module, point)))
             })?;
             let order = Order {
                 module,
@@ -195,14 +195,14 @@ impl Context {
         } else {
             let read = self.read_all(module, expires).await;
             read.map_err(|failure| match failure {
-                Failure::Line(fault) => Failure::NotRead(fault),
+                CommandError::Line(fault) => CommandError::NotRead(fault),
                 other => other,
             })?;
             let now = self.with(|state| {
                 let now = state.output(module, point);
-                let now = now.ok_or(Failure::NotRead(Fault::Unknown))?;
+                let now = now.ok_or(CommandError::NotRead(Fault::Unknown))?;
                 state.watched(module, (!now).then_some(point))?;
-                Ok::<_, Failure>(now)
+                Ok::<_, CommandError>(now)
             })?;
             let (set, terms) = ([(point, !now)], WriteTerms::default());
             let done = self.write_in_turn(who, &turn, module, &set, terms, expires);
@@ -221,11 +221,11 @@ impl Context {
         module: &str,
         points: &[Point],
         done: WriteDone,
-    ) -> Result<WriteDone, Failure> {
+    ) -> Result<WriteDone, CommandError> {
         if done.confirmed != Confirmation::Sent {
             let places: Vec<Place> = places(module, points).collect();
             let taken = self.hand_outputs_over(&places, None).await;
-            taken.map_err(Failure::NotTakenOver)?;
+            taken.map_err(CommandError::NotTakenOver)?;
         }
         Ok(done)
     }

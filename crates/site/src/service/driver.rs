@@ -436,7 +436,7 @@ mod tests {
         log.require(true);
         let begun = std::time::Instant::now();
         let refused = service.write("oven", &set, terms).await;
-        assert_eq!(refused, Err(crate::Failure::NotAudited));
+        assert_eq!(refused, Err(crate::CommandError::NotAudited));
         assert!(begun.elapsed() >= log.patience(), "{:?}", begun.elapsed());
         assert!(log.is_failing());
         log.require(false);

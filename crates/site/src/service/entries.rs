@@ -6,7 +6,7 @@
 //! nothing waits for the log's thread under that lock, for which it may wait itself.
 
 use super::{Driven, Inner};
-use crate::Failure;
+use crate::CommandError;
 use crate::core::{Begun, Input, Reply, RequestId, Tell};
 use railbus_store::audit::{AuditLog, End, Entry, NotWritten, Note, Waiting};
 use railbus_store::history::{Event, EventKind, Severity};
@@ -88,7 +88,9 @@ impl Inner {
         self.audit.begin(entry.clone());
         let Some(log) = self.audit.log() else {
             let may_go_on = self.audit.without_log();
-            let begun = may_go_on.map(|()| begun).map_err(|_| Failure::NotAudited);
+            let begun = may_go_on
+                .map(|()| begun)
+                .map_err(|_| CommandError::NotAudited);
             return driven
                 .core
                 .handle(now, Input::Done(request, Reply::Begun(begun)));
@@ -109,9 +111,9 @@ impl Inner {
 
     /// Whether a command may go on that was written down, or could not be. Asked within a step of
     /// the core: that the log works or fails is told in the order in which it came to be.
-    fn written(&self, written: Result<(), NotWritten>) -> Result<(), Failure> {
+    fn written(&self, written: Result<(), NotWritten>) -> Result<(), CommandError> {
         let Some(log) = self.audit.log() else {
-            return written.map_err(|NotWritten| Failure::NotAudited);
+            return written.map_err(|NotWritten| CommandError::NotAudited);
         };
         if log.works(written.is_ok()) {
             self.tell_event(match written {
@@ -120,7 +122,7 @@ impl Inner {
             });
         }
         match written {
-            Err(NotWritten) if log.is_required() => Err(Failure::NotAudited),
+            Err(NotWritten) if log.is_required() => Err(CommandError::NotAudited),
             _ => Ok(()),
         }
     }

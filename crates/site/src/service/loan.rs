@@ -3,7 +3,7 @@
 
 use super::{Service, lock};
 use crate::core::{Context, Exclusive, LoanId, TaskId};
-use crate::{Config, Failure};
+use crate::{CommandError, Config};
 use railbus_host::Fault;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -50,11 +50,11 @@ impl Service {
     /// under way get a second to end.
     ///
     /// # Errors
-    /// [`Failure::RoleTooLow`], [`Failure::Limited`]; [`Failure::NoSuchLine`]; [`Failure::Lent`]
-    /// while another caller has it; [`Failure::Due`] where an output must be switched off soon,
-    /// which nobody could do meanwhile; [`Fault::Overloaded`] where too many wait for lines;
-    /// [`Fault::Closed`] when the site ends.
-    pub async fn lend(&self, line: &str) -> Result<Loan, Failure> {
+    /// [`CommandError::RoleTooLow`], [`CommandError::Limited`]; [`CommandError::NoSuchLine`];
+    /// [`CommandError::Lent`] while another caller has it; [`CommandError::Due`] where an output
+    /// must be switched off soon, which nobody could do meanwhile; [`Fault::Overloaded`] where too
+    /// many wait for lines; [`Fault::Closed`] when the site ends.
+    pub async fn lend(&self, line: &str) -> Result<Loan, CommandError> {
         self.who.rights.may_change_site()?;
         let (end, lent) = oneshot::channel();
         let (name, granted) = (line.to_owned(), Arc::default());

@@ -9,7 +9,7 @@ use crate::core::{
     WriteDone, WriteTerms,
 };
 use crate::rights::Who;
-use crate::{Config, Failure, Rights};
+use crate::{CommandError, Config, Rights};
 use railbus_device::Point;
 use railbus_host::Fault;
 use railbus_wire::Micros;
@@ -28,8 +28,8 @@ enum Outputs<'a> {
 
 impl Outputs<'_> {
     /// Whether these rights cover all of them. A group or scene that does not exist has none.
-    /// [`Failure::NoSuchModule`] and [`Failure::NoSuchPoint`] are about labels.
-    fn permitted(self, config: &Config, rights: &Rights) -> Result<(), Failure> {
+    /// [`CommandError::NoSuchModule`] and [`CommandError::NoSuchPoint`] are about labels.
+    fn permitted(self, config: &Config, rights: &Rights) -> Result<(), CommandError> {
         rights.may_command()?;
         if !rights.is_limited() {
             return Ok(());
@@ -57,9 +57,15 @@ impl Outputs<'_> {
 }
 
 /// The point of this label, as it is written at the terminal.
-fn labelled(config: &Config, module: &str, label: &str) -> Result<Point, Failure> {
-    let described = config.modules.get(module).ok_or(Failure::NoSuchModule)?;
-    described.setup.point(label).ok_or(Failure::NoSuchPoint)
+fn labelled(config: &Config, module: &str, label: &str) -> Result<Point, CommandError> {
+    let described = config
+        .modules
+        .get(module)
+        .ok_or(CommandError::NoSuchModule)?;
+    described
+        .setup
+        .point(label)
+        .ok_or(CommandError::NoSuchPoint)
 }
 
 impl Service {
@@ -71,10 +77,10 @@ impl Service {
         &self,
         outputs: Outputs<'_>,
         procedure: impl FnOnce(Context, Who) -> F,
-    ) -> Result<T, Failure>
+    ) -> Result<T, CommandError>
     where
         T: Send + 'static,
-        F: Future<Output = Result<T, Failure>> + Send + 'static,
+        F: Future<Output = Result<T, CommandError>> + Send + 'static,
     {
         let (end, ended) = oneshot::channel();
         let who = self.who.clone();
@@ -83,7 +89,7 @@ impl Service {
             // Fails where nobody waits any more.
             let end = |value| _ = end.send(value);
             core.start(now, |context| procedure(context, who), end);
-            Ok::<(), Failure>(())
+            Ok::<(), CommandError>(())
         })?;
         let end = ended.await;
         self.inner.count("hand-overs");
@@ -95,14 +101,14 @@ impl Service {
     /// the others alone.
     ///
     /// # Errors
-    /// [`Failure`]; [`Failure::may_have_acted`] says whether something may have happened even
-    /// so.
+    /// [`CommandError`]; [`CommandError::may_have_acted`] says whether something may have happened
+    /// even so.
     pub async fn write(
         &self,
         module: &str,
         set: &[(Point, bool)],
         terms: WriteTerms,
-    ) -> Result<WriteDone, Failure> {
+    ) -> Result<WriteDone, CommandError> {
         let (name, asked) = (module.to_owned(), set.to_vec());
         let outputs = Outputs::OfModule(module, set);
         self.order(outputs, |core, who| async move {
@@ -121,7 +127,7 @@ impl Service {
         (module, label): (&str, &str),
         on: bool,
         terms: WriteTerms,
-    ) -> Result<WriteDone, Failure> {
+    ) -> Result<WriteDone, CommandError> {
         let (name, text) = (module.to_owned(), label.to_owned());
         let output = Outputs::Label(module, label);
         self.order(output, |core, who| async move {
@@ -141,7 +147,7 @@ impl Service {
         module: &str,
         point: Point,
         terms: ToggleTerms,
-    ) -> Result<WriteDone, Failure> {
+    ) -> Result<WriteDone, CommandError> {
         let name = module.to_owned();
         self.order(Outputs::Point(module, point), |core, who| async move {
             core.toggle(&who, &name, point, terms).await
@@ -155,14 +161,14 @@ impl Service {
     /// ([`Service::start_in`]), and done after a restart where that comes between.
     ///
     /// # Errors
-    /// [`Failure::PulseWidth`] where the module has no such pulse, or as [`Service::write`].
+    /// [`CommandError::PulseWidth`] where the module has no such pulse, or as [`Service::write`].
     /// Where the module may have acted, the output is released all the same.
     pub async fn pulse(
         &self,
         module: &str,
         point: Point,
         pulse: Pulse,
-    ) -> Result<PulseDone, Failure> {
+    ) -> Result<PulseDone, CommandError> {
         let name = module.to_owned();
         self.order(Outputs::Point(module, point), |core, who| async move {
             core.pulse(&who, &name, point, pulse).await
@@ -181,14 +187,14 @@ impl Service {
     /// without one into its other state. Another command takes it over.
     ///
     /// # Errors
-    /// [`Failure::LeaseTime`], or as [`Service::write`].
+    /// [`CommandError::LeaseTime`], or as [`Service::write`].
     pub async fn lease(
         &self,
         module: &str,
         point: Point,
         held: (bool, Micros),
         terms: LeaseTerms,
-    ) -> Result<Leased, Failure> {
+    ) -> Result<Leased, CommandError> {
         let name = module.to_owned();
         self.order(Outputs::Point(module, point), |core, who| async move {
             core.lease(&who, &name, point, held, terms).await
@@ -200,12 +206,12 @@ impl Service {
     /// Nothing comes back where it is to stay as it is.
     ///
     /// # Errors
-    /// [`Failure::NoLease`], or as [`Service::write`].
+    /// [`CommandError::NoLease`], or as [`Service::write`].
     pub async fn end_lease(
         &self,
         module: &str,
         point: Point,
-    ) -> Result<Option<WriteDone>, Failure> {
+    ) -> Result<Option<WriteDone>, CommandError> {
         let name = module.to_owned();
         self.order(Outputs::Point(module, point), |core, who| async move {
             core.end_lease(&who, &name, point).await
@@ -218,18 +224,19 @@ impl Service {
     /// nobody else commands the outputs meanwhile.
     ///
     /// # Errors
-    /// [`Failure::RoleTooLow`], [`Failure::NotPermitted`]: then none of them was commanded.
+    /// [`CommandError::RoleTooLow`], [`CommandError::NotPermitted`]: then none of them was
+    /// commanded.
     pub async fn batch(
         &self,
         set: &[(Place, bool)],
         terms: BatchTerms,
-    ) -> Result<BatchDone, Failure> {
+    ) -> Result<BatchDone, CommandError> {
         let asked = set.to_vec();
         let done = self.order(Outputs::Places(set), |core, who| async move {
             Ok(core.batch(&who, &asked, terms).await)
         });
         match done.await {
-            Err(Failure::Line(Fault::Unknown)) => Ok(BatchDone::unknown(set)),
+            Err(CommandError::Line(Fault::Unknown)) => Ok(BatchDone::unknown(set)),
             done => done,
         }
     }
@@ -237,14 +244,14 @@ impl Service {
     /// Brings a group into a state.
     ///
     /// # Errors
-    /// [`Failure::NoSuchGroup`]; where it is to be toggled, also as [`Service::write`] while
+    /// [`CommandError::NoSuchGroup`]; where it is to be toggled, also as [`Service::write`] while
     /// others command it.
     pub async fn set_group(
         &self,
         group: &str,
         to: GroupState,
         terms: BatchTerms,
-    ) -> Result<BatchDone, Failure> {
+    ) -> Result<BatchDone, CommandError> {
         let name = group.to_owned();
         self.order(Outputs::Group(group), |core, who| async move {
             core.set_group(&who, &name, to, terms).await
@@ -257,8 +264,8 @@ impl Service {
     /// ones may rely on it. It is played to its end, whether or not somebody waits.
     ///
     /// # Errors
-    /// [`Failure::NoSuchScene`]; [`Failure::Playing`] while it is played already.
-    pub async fn play(&self, scene: &str, terms: BatchTerms) -> Result<BatchDone, Failure> {
+    /// [`CommandError::NoSuchScene`]; [`CommandError::Playing`] while it is played already.
+    pub async fn play(&self, scene: &str, terms: BatchTerms) -> Result<BatchDone, CommandError> {
         let name = scene.to_owned();
         self.order(Outputs::Scene(scene), |core, who| async move {
             core.play(&who, &name, terms).await
@@ -275,8 +282,8 @@ impl Service {
     /// Asks a module for everything now. What it says is known when this returns.
     ///
     /// # Errors
-    /// [`Failure::NoSuchModule`], or what the line said.
-    pub async fn read_fresh(&self, module: &str) -> Result<(), Failure> {
+    /// [`CommandError::NoSuchModule`], or what the line said.
+    pub async fn read_fresh(&self, module: &str) -> Result<(), CommandError> {
         let module = module.to_owned();
         let read = self.ask_while(|core| async move { core.read_fresh(&module).await });
         read.await.unwrap_or_else(|| Err(Fault::Unknown.into()))

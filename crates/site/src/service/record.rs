@@ -4,7 +4,7 @@
 use super::{Follower, Inner, LineStatus, PointStatus, Service};
 use crate::core::{Begun, Context, News, State};
 use crate::rights::Who;
-use crate::{Failure, PointQuality, PointValue};
+use crate::{CommandError, PointQuality, PointValue};
 use railbus_device::Point;
 use railbus_host::{LineState, Presence};
 use railbus_store::audit::{AuditLog, End, Note, Origin};
@@ -110,21 +110,24 @@ impl Service {
     /// outputs. It is durable when this returns.
     ///
     /// # Errors
-    /// [`Failure::RoleTooLow`], [`Failure::Limited`], [`Failure::NotAudited`]: then it may not be
-    /// done.
-    pub async fn begin_work(&self, module: &str, what: String) -> Result<Work, Failure> {
+    /// [`CommandError::RoleTooLow`], [`CommandError::Limited`], [`CommandError::NotAudited`]: then
+    /// it may not be done.
+    pub async fn begin_work(&self, module: &str, what: String) -> Result<Work, CommandError> {
         self.who.rights.may_change_site()?;
         self.note_work(module, what).await
     }
 
     /// The same of work whose rights were asked.
-    pub(super) async fn note_work(&self, module: &str, what: String) -> Result<Work, Failure> {
+    pub(super) async fn note_work(&self, module: &str, what: String) -> Result<Work, CommandError> {
         let origin = Origin::clone(&self.who.origin);
         let (module, note) = (module.to_owned(), Note { origin, what });
         let begin =
             |core: Context| async move { core.journal(module, None, note, String::new()).await };
         // There is none only where the procedure has broken down.
-        let begun = self.ask(begin).await.unwrap_or(Err(Failure::NotAudited));
+        let begun = self
+            .ask(begin)
+            .await
+            .unwrap_or(Err(CommandError::NotAudited));
         Ok(Work {
             service: self.clone(),
             begun: begun?,

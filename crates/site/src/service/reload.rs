@@ -3,7 +3,7 @@
 use super::{Service, lock};
 use crate::config::ConfigProblem;
 use crate::core::Store;
-use crate::{Config, Failure, Reloaded};
+use crate::{CommandError, Config, Reloaded};
 use railbus_host::Fault;
 use std::convert::Infallible;
 use std::sync::{Arc, Mutex};
@@ -14,11 +14,12 @@ use tokio::task::JoinError;
 pub enum ReloadError {
     /// The text has these problems.
     Problems(Vec<ConfigProblem>),
-    /// [`Failure::RoleTooLow`], or [`Failure::Limited`] where it changes more than the names of
-    /// points that the caller is limited to; [`Fault::Overloaded`] where too many reloads and loans
-    /// wait. [`Fault::Closed`] where the site ends: the text may be written, and is in force with
-    /// the next start then. [`Fault::Unknown`] where that is not known, because the program failed.
-    Refused(Failure),
+    /// [`CommandError::RoleTooLow`], or [`CommandError::Limited`] where it changes more than the
+    /// names of points that the caller is limited to; [`Fault::Overloaded`] where too many reloads
+    /// and loans wait. [`Fault::Closed`] where the site ends: the text may be written, and is in
+    /// force with the next start then. [`Fault::Unknown`] where that is not known, because the
+    /// program failed.
+    Refused(CommandError),
 }
 
 impl From<Vec<ConfigProblem>> for ReloadError {
@@ -27,8 +28,8 @@ impl From<Vec<ConfigProblem>> for ReloadError {
     }
 }
 
-impl From<Failure> for ReloadError {
-    fn from(failure: Failure) -> ReloadError {
+impl From<CommandError> for ReloadError {
+    fn from(failure: CommandError) -> ReloadError {
         ReloadError::Refused(failure)
     }
 }
@@ -81,7 +82,7 @@ impl Service {
 /// What came of a reload: what the core said, unless its procedure was cut off, and how the writing
 /// ended, where it has.
 fn came_of<E>(
-    reloaded: Option<Result<Option<Reloaded>, Failure>>,
+    reloaded: Option<Result<Option<Reloaded>, CommandError>>,
     written: Option<Result<Result<(), E>, JoinError>>,
 ) -> Result<Result<Reloaded, E>, ReloadError> {
     match (reloaded.transpose()?.flatten(), written) {
@@ -90,7 +91,7 @@ fn came_of<E>(
         (None, Some(Err(broken))) if broken.is_panic() => {
             std::panic::resume_unwind(broken.into_panic())
         }
-        (None, _) => Err(Failure::Line(Fault::Unknown).into()),
+        (None, _) => Err(CommandError::Line(Fault::Unknown).into()),
     }
 }
 
@@ -102,7 +103,7 @@ mod tests {
     #[test]
     fn a_reload_that_is_cut_off_ends() {
         for written in [None, Some(Ok(Ok::<(), ()>(())))] {
-            let unknown = ReloadError::Refused(Failure::Line(Fault::Unknown));
+            let unknown = ReloadError::Refused(CommandError::Line(Fault::Unknown));
             assert_eq!(came_of(None, written), Err(unknown));
         }
     }

@@ -1,7 +1,7 @@
 //! Rules, as callers see them: what they do is decided in the core.
 
 use super::Service;
-use crate::Failure;
+use crate::CommandError;
 use crate::config::Rule;
 use crate::core::RuleNow;
 use crate::rules::{Deadline, Moment, Phase, Tried, try_against};
@@ -52,8 +52,8 @@ impl Service {
     /// A rule that was stopped begins anew.
     ///
     /// # Errors
-    /// [`Failure::RoleTooLow`], [`Failure::Limited`].
-    pub fn begin_rule_anew(&self, id: &str) -> Result<(), Failure> {
+    /// [`CommandError::RoleTooLow`], [`CommandError::Limited`].
+    pub fn begin_rule_anew(&self, id: &str) -> Result<(), CommandError> {
         self.who.rights.may_change_site()?;
         self.tell_zone();
         self.inner

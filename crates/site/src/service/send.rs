@@ -4,7 +4,7 @@
 
 use super::{Inner, RawTerms, Service};
 use crate::config::Place;
-use crate::{Failure, Role};
+use crate::{CommandError, Role};
 use railbus_commission::{Risk, is_answered};
 use railbus_host::{Fault, ProbeResult, Probed, reply_in};
 use railbus_store::audit::End;
@@ -44,8 +44,8 @@ impl Service {
     /// name.
     ///
     /// # Errors
-    /// [`Failure::RoleTooLow`], [`Failure::Limited`], [`Failure::NotPermitted`].
-    pub fn may_send(&self, line: &str, asked: &Exchange<'_>) -> Result<(), Failure> {
+    /// [`CommandError::RoleTooLow`], [`CommandError::Limited`], [`CommandError::NotPermitted`].
+    pub fn may_send(&self, line: &str, asked: &Exchange<'_>) -> Result<(), CommandError> {
         let rights = &self.who.rights;
         rights.at_least(Role::Engineer)?;
         match Risk::of(asked) {
@@ -58,7 +58,7 @@ impl Service {
         }
         let (modules, config) = (self.concerned(line, asked), self.config());
         if modules.is_empty() {
-            return Err(Failure::NotPermitted {
+            return Err(CommandError::NotPermitted {
                 module: String::new(),
                 label: String::new(),
             });
@@ -74,15 +74,15 @@ impl Service {
     /// has reported what it may do.
     ///
     /// # Errors
-    /// As [`Service::may_send`], which is asked again after the audit entry; [`Failure`];
-    /// [`Failure::may_have_acted`] says whether it may have been sent.
+    /// As [`Service::may_send`], which is asked again after the audit entry; [`CommandError`];
+    /// [`CommandError::may_have_acted`] says whether it may have been sent.
     pub async fn send(
         &self,
         line: &str,
         exchange: Exchange<'static>,
         terms: RawTerms,
         what: String,
-    ) -> Result<Sent, Failure> {
+    ) -> Result<Sent, CommandError> {
         self.may_send(line, &exchange)?;
         let (handle, probe) = self.probe_of(line, exchange, terms)?;
         if self.inner.read(|state| state.is_stopping()) {

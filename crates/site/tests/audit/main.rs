@@ -4,7 +4,7 @@ mod files;
 
 use railbus_device::{Point, PointKind};
 use railbus_host::Fault;
-use railbus_site::{Config, Failure, Service, WriteTerms};
+use railbus_site::{CommandError, Config, Service, WriteTerms};
 use railbus_store::audit::{AuditLog, Filter, OpenReport, Verified, verify_folder};
 use std::collections::BTreeMap;
 use std::io::ErrorKind;
@@ -288,12 +288,16 @@ async fn what_cannot_be_written_down_is_not_done_where_that_is_wanted() {
     let terms = WriteTerms::default();
     log.require(true);
     let end = service.write("oven", &[(K1, true)], terms).await;
-    assert_eq!(end, Err(Failure::NotAudited));
+    assert_eq!(end, Err(CommandError::NotAudited));
     let event = followed.next().await.unwrap().unwrap();
     assert_eq!(event.code.as_deref(), Some("audit_fails"));
     log.require(false);
     let end = service.write("oven", &[(K1, true)], terms).await;
-    assert_eq!(end, Err(Failure::Line(Fault::Closed)), "control goes on");
+    assert_eq!(
+        end,
+        Err(CommandError::Line(Fault::Closed)),
+        "control goes on"
+    );
     let event = followed.next().await.unwrap().unwrap();
     assert_eq!(
         event.code.as_deref(),

@@ -5,13 +5,13 @@ use crate::safety::{site, switch};
 use railbus_host::{LineState, Presence};
 use railbus_site::config::Place;
 use railbus_site::{
-    BadReason, BatchTerms, Config, Failure, LOAN_MAX, LeaseTerms, Leased, Loan, PointQuality,
+    BadReason, BatchTerms, CommandError, Config, LOAN_MAX, LeaseTerms, Leased, Loan, PointQuality,
     Pulse, Service, Within, WriteTerms,
 };
 use railbus_wire::Micros;
 use std::time::Duration;
 
-async fn hold(service: &Service, number: u8, millis: u64) -> Result<Leased, Failure> {
+async fn hold(service: &Service, number: u8, millis: u64) -> Result<Leased, CommandError> {
     let held = (true, Micros::from_millis(millis));
     service
         .lease("oven", k(number), held, LeaseTerms::default())
@@ -81,7 +81,7 @@ async fn all_or_nothing_that_is_taken_back_leaves_a_pulse_its_end() {
         ..BatchTerms::default()
     };
     let done = service.batch(&both, terms).await.unwrap();
-    assert_eq!(done.parts[0].end, Err(Failure::Undone));
+    assert_eq!(done.parts[0].end, Err(CommandError::Undone));
     let left = || service.point("oven", k(1)).unwrap().left.lease;
     until(|| left().is_some() || boards.relays(3) == 0).await;
     until(|| boards.relays(3) == 0).await;
@@ -179,7 +179,7 @@ async fn who_had_a_line_may_have_switched_an_output_off_just_now() {
     loan.end(None).await;
     let too_early = switch(&service, "oven", 1, true).await;
     assert!(
-        matches!(too_early, Err(Failure::MinOff { .. })),
+        matches!(too_early, Err(CommandError::MinOff { .. })),
         "{too_early:?}"
     );
     service.close().await;
@@ -282,7 +282,7 @@ async fn a_line_is_not_lent_while_an_output_must_be_switched_off_soon() {
     switch(&service, "oven", 1, true).await.unwrap();
     let refused = service.lend("main").await;
     assert!(
-        matches!(&refused, Err(Failure::Due { path, .. }) if path == "oven.k1"),
+        matches!(&refused, Err(CommandError::Due { path, .. }) if path == "oven.k1"),
         "{refused:?}"
     );
     until(|| boards.relays(3) == 0).await;

@@ -17,7 +17,7 @@ mod undone;
 use board::{k, until};
 use railbus_host::{Confirmation, Fault, LineState};
 use railbus_site::{
-    BadReason, By, Config, Failure, PointQuality, PointValue, Pulse, ReloadError, Service,
+    BadReason, By, CommandError, Config, PointQuality, PointValue, Pulse, ReloadError, Service,
     ToggleTerms, Update, WriteTerms,
 };
 use railbus_store::audit::End;
@@ -90,7 +90,7 @@ async fn compare_and_set_and_toggle() {
         ..WriteTerms::default()
     };
     let refused = service.write("oven", &[(k(2), false)], if_on).await;
-    assert_eq!(refused, Err(Failure::NotAsAsked(k(2), false)));
+    assert_eq!(refused, Err(CommandError::NotAsAsked(k(2), false)));
     let done = service
         .toggle("oven", k(2), ToggleTerms::default())
         .await
@@ -103,7 +103,7 @@ async fn compare_and_set_and_toggle() {
         ..ToggleTerms::default()
     };
     let raw = service.toggle("oven", k(2), raw).await;
-    assert_eq!(raw, Err(Failure::Line(Fault::Unsupported)));
+    assert_eq!(raw, Err(CommandError::Line(Fault::Unsupported)));
 }
 
 #[tokio::test]
@@ -154,13 +154,13 @@ async fn what_must_not_be_written_is_refused() {
             .await;
         end.expect_err("it is refused")
     };
-    assert_eq!(write("oven", k(8)).await, Failure::Locked(k(8)));
-    assert_eq!(write("oven", k(9)).await, Failure::NoSuchPoint);
-    assert_eq!(write("shed", k(1)).await, Failure::NoSuchModule);
+    assert_eq!(write("oven", k(8)).await, CommandError::Locked(k(8)));
+    assert_eq!(write("oven", k(9)).await, CommandError::NoSuchPoint);
+    assert_eq!(write("shed", k(1)).await, CommandError::NoSuchModule);
     let none = service.write("oven", &[], WriteTerms::default()).await;
-    assert_eq!(none, Err(Failure::NoSuchPoint));
+    assert_eq!(none, Err(CommandError::NoSuchPoint));
     let locked = service.pulse("oven", k(8), Pulse::default()).await;
-    assert_eq!(locked, Err(Failure::Locked(k(8))));
+    assert_eq!(locked, Err(CommandError::Locked(k(8))));
     assert!(service.audit().is_empty(), "nothing was tried");
 }
 
@@ -173,7 +173,7 @@ async fn a_port_that_is_not_there_is_a_state() {
     let end = service
         .write("oven", &[(k(1), true)], WriteTerms::default())
         .await;
-    assert_eq!(end, Err(Failure::Line(Fault::Closed)));
+    assert_eq!(end, Err(CommandError::Line(Fault::Closed)));
     assert_eq!(
         service.point("oven", k(1)).unwrap().quality,
         PointQuality::Bad(BadReason::LineAbsent)
@@ -189,7 +189,7 @@ async fn pulses_that_can_not_be_are_refused() {
             .await
             .expect_err("refused")
     };
-    let wrong = |failure| matches!(failure, Failure::PulseWidth { .. });
+    let wrong = |failure| matches!(failure, CommandError::PulseWidth { .. });
     assert!(
         wrong(refused(Pulse::default()).await),
         "the board has no width of its own"
@@ -236,7 +236,7 @@ async fn a_refused_configuration_changes_nothing() {
     let refused = service
         .write("oven", &[(k(1), true)], WriteTerms::default())
         .await;
-    assert_eq!(refused, Err(Failure::Locked(k(1))));
+    assert_eq!(refused, Err(CommandError::Locked(k(1))));
     let renamed = text(&port).replace("module.oven", "module.kiln");
     let done = service.reload(&renamed).await.unwrap();
     assert_eq!((done.kept.len(), done.opened.len()), (1, 0));

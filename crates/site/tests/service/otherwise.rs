@@ -4,7 +4,7 @@
 use crate::board::{k, until};
 use railbus_device::Point;
 use railbus_host::{Confirmation, Fault, LineState};
-use railbus_site::{Config, Failure, PointQuality, Service, WriteDone, WriteTerms};
+use railbus_site::{CommandError, Config, PointQuality, Service, WriteDone, WriteTerms};
 use railbus_store::audit::End;
 use railbus_wire::{crc16, sum8};
 use std::time::Duration;
@@ -89,7 +89,7 @@ impl Stuck {
     }
 
     /// Switches its first relay on, with or without polls beside; what is told of that.
-    async fn switch_on(self, polled: bool) -> Result<WriteDone, Failure> {
+    async fn switch_on(self, polled: bool) -> Result<WriteDone, CommandError> {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let port = listener.local_addr().unwrap();
         tokio::spawn(async move {
@@ -160,7 +160,7 @@ async fn what_is_read_back_otherwise_is_never_told_as_done() {
         }
     }
     for (module, polled, end) in ends.join_all().await {
-        let told = matches!(end, Err(Failure::Line(Fault::NotVerified)));
+        let told = matches!(end, Err(CommandError::Line(Fault::NotVerified)));
         assert!(told, "{module:?}, polled {polled}: {end:?}");
     }
 }

@@ -7,7 +7,7 @@ use crate::board::{self, Boards, Write, k};
 use crate::safety::{Dice, config, folder, known};
 use railbus_site::config::Place;
 use railbus_site::{
-    BatchDone, BatchTerms, By, Failure, GroupState, LeaseTerms, Pulse, Service, ToggleTerms,
+    BatchDone, BatchTerms, By, CommandError, GroupState, LeaseTerms, Pulse, Service, ToggleTerms,
     Within, WriteTerms,
 };
 use railbus_wire::Micros;
@@ -143,11 +143,11 @@ async fn rival(service: Service, boards: Arc<Boards>, rival: Rival) -> bool {
             let done = service.batch(&set, terms).await.unwrap();
             boards.mute(4, false);
             let mut ends = done.parts.iter().take(2);
-            return ends.all(|part| part.end == Err(Failure::Undone));
+            return ends.all(|part| part.end == Err(CommandError::Undone));
         }
         Rival::Group(on) => {
             let done = service.set_group("both", GroupState::Set(on), BatchTerms::default());
-            let _: Result<BatchDone, Failure> = done.await;
+            let _: Result<BatchDone, CommandError> = done.await;
         }
         Rival::Scene => {
             let _ = service.play("both", BatchTerms::default()).await;

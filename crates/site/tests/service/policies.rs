@@ -3,7 +3,7 @@
 use crate::board::{Boards, k, until};
 use crate::safety::{config, folder, known, site, switch};
 use railbus_host::Fault;
-use railbus_site::{Failure, PointQuality, Service};
+use railbus_site::{CommandError, PointQuality, Service};
 use railbus_store::audit::End;
 use std::time::Duration;
 
@@ -74,7 +74,7 @@ async fn a_policy_waits_beside_as_many_commands_as_there_are() {
     for one in asked {
         ends.push(one.await.unwrap());
     }
-    assert!(ends.contains(&Err(Failure::Line(Fault::Overloaded))));
+    assert!(ends.contains(&Err(CommandError::Line(Fault::Overloaded))));
     boards.slow(0);
     until(|| boards.relays(3) == 0).await;
     service.close().await;

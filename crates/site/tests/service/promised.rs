@@ -4,7 +4,7 @@
 
 use crate::board::{self, Boards, k, until};
 use crate::safety::{config, folder, known, switch};
-use railbus_site::{Config, Failure, LeaseTerms, Pulse, Service, Within};
+use railbus_site::{CommandError, Config, LeaseTerms, Pulse, Service, Within};
 use railbus_store::audit::End;
 use railbus_wire::Micros;
 use std::path::{Path, PathBuf};
@@ -32,7 +32,7 @@ const LONG: Pulse = Pulse {
     within: Within::DEFAULT,
 };
 
-async fn hold(service: &Service, millis: u64) -> Result<Duration, Failure> {
+async fn hold(service: &Service, millis: u64) -> Result<Duration, CommandError> {
     let held = (true, Micros::from_millis(millis));
     let held = service
         .lease("oven", k(1), held, LeaseTerms::default())
@@ -91,7 +91,7 @@ async fn a_takeover_that_can_not_be_written_down_is_told_and_the_pulse_ends() {
     std::fs::create_dir(&draft).unwrap();
     let refused = switch(&service, "oven", 1, true).await;
     assert!(
-        matches!(refused, Err(Failure::NotTakenOver(_))),
+        matches!(refused, Err(CommandError::NotTakenOver(_))),
         "{refused:?}"
     );
     assert!(refused.unwrap_err().may_have_acted());
@@ -116,7 +116,10 @@ async fn a_lease_is_on_the_disk_as_it_was_told() {
     // Where the disk refuses it is not held on, and that is told.
     std::fs::create_dir(folder.join(format!("{NAME}.new"))).unwrap();
     let refused = hold(&service, 60_000).await;
-    assert!(matches!(refused, Err(Failure::NotKept(_))), "{refused:?}");
+    assert!(
+        matches!(refused, Err(CommandError::NotKept(_))),
+        "{refused:?}"
+    );
     let left = service.point("oven", k(1)).unwrap().left.lease.unwrap();
     assert!(left <= Duration::from_millis(2_500), "{left:?}");
     std::fs::remove_dir(folder.join(format!("{NAME}.new"))).unwrap();

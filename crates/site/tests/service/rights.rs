@@ -4,7 +4,7 @@ use crate::board::k;
 use crate::sending::frame;
 use crate::several::set;
 use railbus_site::{
-    BatchTerms, Config, Failure, GroupState, LeaseTerms, Pulse, RawTerms, ReloadError, Rights,
+    BatchTerms, CommandError, Config, GroupState, LeaseTerms, Pulse, RawTerms, ReloadError, Rights,
     Role, Service, ToggleTerms, WriteTerms,
 };
 use railbus_store::audit::{End, Origin};
@@ -28,7 +28,7 @@ steps = [{ set = "oven.k1", to = true }, { wait = "1ms" }, { set = "oven.k2", to
 "#;
 
 /// Every command, by its name, and how it ended.
-async fn all(service: &Service) -> Vec<(&'static str, Result<(), Failure>)> {
+async fn all(service: &Service) -> Vec<(&'static str, Result<(), CommandError>)> {
     let second = Micros::from_secs(1);
     let both = [(k(1), true), (k(2), true)];
     let terms = BatchTerms::default();
@@ -63,7 +63,7 @@ async fn all(service: &Service) -> Vec<(&'static str, Result<(), Failure>)> {
 }
 
 /// Everything else that changes something, by its name, and how it ended.
-async fn all_of_site(service: &Service) -> Vec<(&'static str, Result<(), Failure>)> {
+async fn all_of_site(service: &Service) -> Vec<(&'static str, Result<(), CommandError>)> {
     let (terms, what) = (RawTerms::default(), String::new);
     let coils = rtu::BitSpan::new(60, 8).unwrap();
     let reading = Exchange::rtu(Address(3), rtu::Request::ReadCoils(coils));
@@ -189,10 +189,12 @@ async fn every_function_of_the_site_that_acts_asks_for_rights() {
     service.close().await;
 }
 
-fn is_of_rights(failure: &Failure) -> bool {
+fn is_of_rights(failure: &CommandError) -> bool {
     matches!(
         failure,
-        Failure::NotPermitted { .. } | Failure::RoleTooLow { .. } | Failure::Limited(_)
+        CommandError::NotPermitted { .. }
+            | CommandError::RoleTooLow { .. }
+            | CommandError::Limited(_)
     )
 }
 
@@ -202,7 +204,7 @@ async fn what_may_affect_any_output_is_for_engineers_without_a_limit() {
     for role in [Role::Viewer, Role::Operator] {
         for (name, end) in all_of_site(&acting(&service, role, &[])).await {
             let need = Role::Engineer;
-            assert_eq!(end, Err(Failure::RoleTooLow { role, need }), "{name}");
+            assert_eq!(end, Err(CommandError::RoleTooLow { role, need }), "{name}");
         }
     }
     let limit = ["oven.k1"];
@@ -210,14 +212,18 @@ async fn what_may_affect_any_output_is_for_engineers_without_a_limit() {
         match name {
             "may_send" | "send" => {
                 let (module, label) = ("oven".to_owned(), "k2".to_owned());
-                assert_eq!(end, Err(Failure::NotPermitted { module, label }), "{name}");
+                assert_eq!(
+                    end,
+                    Err(CommandError::NotPermitted { module, label }),
+                    "{name}"
+                );
             }
             // These change nothing.
             "reload" | "reload_written" => assert_eq!(end, Ok(()), "{name}"),
             "raw" => assert!(!end.is_err_and(|why| is_of_rights(&why))),
             _ => {
                 let limit = limit.map(str::to_owned);
-                assert_eq!(end, Err(Failure::Limited(limit.into())), "{name}");
+                assert_eq!(end, Err(CommandError::Limited(limit.into())), "{name}");
             }
         }
     }
@@ -237,7 +243,7 @@ async fn a_frame_is_judged_by_all_that_it_may_do() {
     let keeps = Exchange::rtu(Address(3), keeps);
     let of_oven = acting(&service, Role::Engineer, &["oven"]);
     assert_eq!(of_oven.may_send("main", &frame(3, 1, true)), Ok(()));
-    let no_module = Failure::NotPermitted {
+    let no_module = CommandError::NotPermitted {
         module: String::new(),
         label: String::new(),
     };
@@ -245,9 +251,9 @@ async fn a_frame_is_judged_by_all_that_it_may_do() {
     assert_eq!(end, Err(no_module));
     for beyond in [frame(0, 1, true), keeps] {
         let end = of_oven.may_send("main", &beyond);
-        assert!(matches!(end, Err(Failure::Limited(_))), "{end:?}");
+        assert!(matches!(end, Err(CommandError::Limited(_))), "{end:?}");
         let raw = of_oven.raw("main", beyond, RawTerms::default()).await;
-        assert!(matches!(raw, Err(Failure::Limited(_))), "{raw:?}");
+        assert!(matches!(raw, Err(CommandError::Limited(_))), "{raw:?}");
         let unlimited = acting(&service, Role::Engineer, &[]);
         assert_eq!(unlimited.may_send("main", &beyond), Ok(()));
     }
@@ -265,7 +271,7 @@ async fn with_a_limit_only_the_names_of_ones_points_can_be_changed() {
         "k1 = { name = \"Zone\", hidden = true }",
     ] {
         let end = limited.reload(&more(beyond)).await;
-        let refused = matches!(end, Err(ReloadError::Refused(Failure::Limited(_))));
+        let refused = matches!(end, Err(ReloadError::Refused(CommandError::Limited(_))));
         assert!(refused, "{beyond}: {end:?}");
         assert_eq!(*service.config(), Config::parse(TEXT).unwrap(), "{beyond}");
     }
@@ -292,7 +298,7 @@ async fn each_command_asks_for_the_role_and_for_each_output() {
     // The first is covered by all of these, the second by none.
     for points in [&["oven.k1"][..], &["*.k1", "pump"]] {
         for (name, end) in all(&acting(&service, Role::Admin, points)).await {
-            let refused = Err(Failure::NotPermitted {
+            let refused = Err(CommandError::NotPermitted {
                 module: "oven".to_owned(),
                 label: "k2".to_owned(),
             });
@@ -301,7 +307,7 @@ async fn each_command_asks_for_the_role_and_for_each_output() {
     }
     for points in [&[][..], &["oven"]] {
         for (name, end) in all(&acting(&service, Role::Viewer, points)).await {
-            let refused = Failure::RoleTooLow {
+            let refused = CommandError::RoleTooLow {
                 role: Role::Viewer,
                 need: Role::Operator,
             };
@@ -330,6 +336,6 @@ async fn what_does_not_exist_is_nobodys() {
     let end = limited.write("yard", &on, WriteTerms::default()).await;
     assert_eq!(end.map(drop).unwrap_err().name(), "not_permitted");
     let end = limited.play("cold", BatchTerms::default()).await;
-    assert_eq!(end.map(drop), Err(Failure::NoSuchScene));
+    assert_eq!(end.map(drop), Err(CommandError::NoSuchScene));
     service.close().await;
 }

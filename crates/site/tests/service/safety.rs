@@ -2,7 +2,7 @@
 
 use crate::board::{self, Boards, k, until};
 use railbus_site::{
-    Config, Failure, PointQuality, PointValue, Pulse, Service, ToggleTerms, WriteTerms,
+    CommandError, Config, PointQuality, PointValue, Pulse, Service, ToggleTerms, WriteTerms,
 };
 use railbus_store::audit::End;
 use railbus_wire::Micros;
@@ -42,7 +42,7 @@ pub(crate) async fn switch(
     module: &str,
     number: u8,
     on: bool,
-) -> Result<(), Failure> {
+) -> Result<(), CommandError> {
     let set = [(k(number), on)];
     let done = service.write(module, &set, WriteTerms::default()).await;
     done.map(|_| ())
@@ -59,8 +59,10 @@ const LOCK: &str = "[module.oven.point.k1]\ninterlock = [\"oven.k2\", \"yard.k1\
 #[tokio::test]
 async fn outputs_that_exclude_each_other_are_never_on_together() {
     let (service, boards) = site(LOCK).await;
-    let locked =
-        |failure, other: &str| matches!(failure, Err(Failure::Interlock { by, .. }) if by == other);
+    let locked = |failure, other: &str| match failure {
+        Err(CommandError::Interlock { by, .. }) => by == other,
+        _ => false,
+    };
     switch(&service, "oven", 2, true).await.unwrap();
     let refused = switch(&service, "oven", 1, true).await;
     assert!(locked(refused, "oven.k2"));
@@ -104,7 +106,7 @@ async fn what_nobody_knows_may_be_on() {
     };
     until(offline).await;
     let refused = switch(&service, "oven", 1, true).await;
-    assert!(matches!(refused, Err(Failure::Interlock { by, .. }) if by == "yard.k1"));
+    assert!(matches!(refused, Err(CommandError::Interlock { by, .. }) if by == "yard.k1"));
     // Off is always allowed, and what is not concerned goes on.
     switch(&service, "oven", 1, false).await.unwrap();
     switch(&service, "oven", 3, true).await.unwrap();
@@ -118,7 +120,7 @@ async fn what_nobody_knows_may_be_on() {
     quiet.opened("main").await.unwrap();
     switch(&quiet, "oven", 1, true).await.unwrap();
     let refused = switch(&quiet, "yard", 1, true).await;
-    assert!(matches!(refused, Err(Failure::Interlock { .. })));
+    assert!(matches!(refused, Err(CommandError::Interlock { .. })));
 }
 
 fn runtime() -> Runtime {
@@ -162,7 +164,7 @@ async fn commands_at_once_never_pass_an_interlock_together() {
                     let (module, number) = places[dice.below(3) as usize];
                     match switch(&service, module, number, dice.below(3) > 0).await {
                         Ok(()) => ends.0 += 1,
-                        Err(Failure::Interlock { .. }) => ends.1 += 1,
+                        Err(CommandError::Interlock { .. }) => ends.1 += 1,
                         Err(other) => panic!("seed {seed}: {other:?}"),
                     }
                 }
@@ -193,11 +195,13 @@ async fn an_output_stays_off_for_as_long_as_it_must() {
     known(&service).await;
     // Nobody knows when it went off before: the time counts from the start.
     let refused = switch(&service, "oven", 1, true).await;
-    assert!(matches!(refused, Err(Failure::MinOff { left, .. }) if left.0 <= 1_500_000));
+    assert!(matches!(refused, Err(CommandError::MinOff { left, .. }) if left.0 <= 1_500_000));
     let on = async |service: &Service| {
         for _ in 0..500 {
             match switch(service, "oven", 1, true).await {
-                Err(Failure::MinOff { .. }) => tokio::time::sleep(Duration::from_millis(20)).await,
+                Err(CommandError::MinOff { .. }) => {
+                    tokio::time::sleep(Duration::from_millis(20)).await
+                }
                 end => return end.unwrap(),
             }
         }
@@ -210,7 +214,7 @@ async fn an_output_stays_off_for_as_long_as_it_must() {
     switch(&service, "oven", 1, false).await.unwrap();
     assert!(matches!(
         switch(&service, "oven", 1, true).await,
-        Err(Failure::MinOff { .. })
+        Err(CommandError::MinOff { .. })
     ));
     on(&service).await;
     assert!(off.elapsed() >= Duration::from_millis(1_500));
@@ -226,7 +230,7 @@ async fn an_output_stays_off_for_as_long_as_it_must() {
     known(&service).await;
     assert!(matches!(
         switch(&service, "oven", 1, true).await,
-        Err(Failure::MinOff { .. })
+        Err(CommandError::MinOff { .. })
     ));
     on(&service).await;
     assert!(off.elapsed() >= Duration::from_millis(1_500));
@@ -259,7 +263,7 @@ async fn an_output_is_switched_off_when_it_has_been_on_for_too_long() {
     let refused = switch(&quiet, "oven", 1, true).await;
     assert_eq!(
         refused,
-        Err(Failure::Unwatched(k(1))),
+        Err(CommandError::Unwatched(k(1))),
         "nobody stays to see to it"
     );
 }
@@ -269,7 +273,7 @@ async fn an_output_wants_to_be_told_that_it_is_meant() {
     let (service, boards) = site("[module.oven.point]\nk1.confirm = true\n").await;
     assert_eq!(
         switch(&service, "oven", 1, true).await,
-        Err(Failure::Confirm(k(1)))
+        Err(CommandError::Confirm(k(1)))
     );
     assert_eq!(boards.states().len(), 0);
     let meant = WriteTerms {

@@ -4,7 +4,7 @@
 use crate::board::{k, until};
 use crate::safety::{site, switch};
 use railbus_host::Probed;
-use railbus_site::{Failure, PointQuality, PointValue, RawTerms, Service};
+use railbus_site::{CommandError, PointQuality, PointValue, RawTerms, Service};
 use railbus_store::audit::End;
 use railbus_wire::{Address, Exchange, crc16, rtu};
 use std::sync::Arc;
@@ -27,7 +27,7 @@ pub(crate) fn frame(address: u8, number: u8, on: bool) -> Exchange<'static> {
     Exchange::rtu(Address(address), request)
 }
 
-async fn send(service: &Service, frame: Exchange<'static>) -> Result<Probed, Failure> {
+async fn send(service: &Service, frame: Exchange<'static>) -> Result<Probed, CommandError> {
     let sent = service.send("main", frame, RawTerms::default(), "send it".to_owned());
     Ok(sent.await?.met.outcome)
 }
@@ -53,7 +53,7 @@ async fn a_frame_of_ones_own_is_written_down_and_its_module_read_anew() {
     switch(&service, "yard", 1, false).await.unwrap();
     let refused = switch(&service, "yard", 1, true).await;
     assert!(
-        matches!(refused, Err(Failure::Interlock { .. })),
+        matches!(refused, Err(CommandError::Interlock { .. })),
         "{refused:?}"
     );
     // A broadcast is for both, and answered by none.
@@ -81,7 +81,7 @@ async fn a_module_that_does_not_answer_may_have_obeyed() {
     );
     let refused = switch(&service, "yard", 1, true).await;
     assert!(
-        matches!(refused, Err(Failure::Interlock { .. })),
+        matches!(refused, Err(CommandError::Interlock { .. })),
         "{refused:?}"
     );
     boards.mute(3, false);
@@ -99,7 +99,7 @@ async fn an_output_that_may_have_gone_off_stays_off_for_its_time() {
     assert_eq!(boards.relays(3), 0);
     let refused = switch(&service, "oven", 2, true).await;
     assert!(
-        matches!(refused, Err(Failure::MinOff { .. })),
+        matches!(refused, Err(CommandError::MinOff { .. })),
         "{refused:?}"
     );
     service.close().await;

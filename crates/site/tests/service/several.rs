@@ -4,7 +4,7 @@ use crate::board::{k, until};
 use crate::safety::{site, switch};
 use railbus_site::config::Place;
 use railbus_site::{
-    BatchDone, BatchTerms, Failure, GroupState, LeaseTerms, PointQuality, Service, Within,
+    BatchDone, BatchTerms, CommandError, GroupState, LeaseTerms, PointQuality, Service, Within,
 };
 use railbus_wire::Micros;
 use std::time::Duration;
@@ -22,7 +22,7 @@ pub(crate) const ALL: BatchTerms = BatchTerms {
 };
 
 pub(crate) fn failures(done: &BatchDone) -> Vec<Option<&'static str>> {
-    let end = |part: &railbus_site::Part| part.end.as_ref().err().map(Failure::name);
+    let end = |part: &railbus_site::Part| part.end.as_ref().err().map(CommandError::name);
     done.parts.iter().map(end).collect()
 }
 
@@ -150,7 +150,7 @@ async fn a_group_is_switched_at_once() {
     let some = night(&service, GroupState::Set(false)).await;
     assert_eq!(failures(&some), [None, None, Some("no_reply")]);
     let none = service.set_group("day", GroupState::Toggle, ALL).await;
-    assert_eq!(none, Err(Failure::NoSuchGroup));
+    assert_eq!(none, Err(CommandError::NoSuchGroup));
     service.close().await;
 }
 
@@ -188,7 +188,7 @@ async fn a_scene_is_played_up_to_what_fails() {
     until(|| boards.relays(3) == 0b11).await;
     assert_eq!(boards.relays(4), 0, "there is a pause");
     let twice = service.play("evening", ALL).await;
-    assert_eq!(twice, Err(Failure::Playing));
+    assert_eq!(twice, Err(CommandError::Playing));
     let done = playing.await.unwrap().unwrap();
     assert_eq!(failures(&done), [None; 4]);
     assert_eq!((boards.relays(3), boards.relays(4)), (0b10, 1));
@@ -199,7 +199,7 @@ async fn a_scene_is_played_up_to_what_fails() {
     assert_eq!(failures(&done), ends);
     assert_eq!(boards.relays(3), 0b11, "the last step was left out");
     let none = service.play("morning", ALL).await;
-    assert_eq!(none, Err(Failure::NoSuchScene));
+    assert_eq!(none, Err(CommandError::NoSuchScene));
     service.close().await;
 }
 
@@ -235,12 +235,12 @@ async fn an_output_is_held_for_as_long_as_that_is_said_again() {
     service.end_lease("oven", k(4)).await.unwrap();
     assert_eq!(boards.relays(3), 0b110);
     let nothing = service.end_lease("oven", k(4)).await;
-    assert_eq!(nothing, Err(Failure::NoLease(k(4))));
+    assert_eq!(nothing, Err(CommandError::NoLease(k(4))));
     hold(5, true, 300).await.unwrap();
     switch(&service, "oven", 5, true).await.unwrap();
     tokio::time::sleep(Duration::from_millis(600)).await;
     assert_eq!(boards.relays(3), 0b1_0110);
-    assert_eq!(hold(6, true, 1).await, Err(Failure::LeaseTime(k(6))));
+    assert_eq!(hold(6, true, 1).await, Err(CommandError::LeaseTime(k(6))));
     hold(6, true, 60_000).await.unwrap();
     service.close().await;
     assert_eq!(

@@ -4,7 +4,7 @@ use crate::board::{self, k, until};
 use crate::safety::{config, known, switch, text};
 use crate::several::{ALL, failures, set};
 use railbus_site::config::Place;
-use railbus_site::{Config, Failure, PointQuality, Service};
+use railbus_site::{CommandError, Config, PointQuality, Service};
 use railbus_wire::crc16;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -57,7 +57,7 @@ async fn taking_back_begins_no_pulse_again() {
     let set = ["gate", "oven"].map(|module| (Place::new(module, k(1)), true));
     let done = service.batch(&set, ALL).await.unwrap();
     assert!(!done.undone, "{done:?}");
-    assert_eq!(done.parts[0].end, Err(Failure::NotUndone), "{done:?}");
+    assert_eq!(done.parts[0].end, Err(CommandError::NotUndone), "{done:?}");
     assert!(done.parts[1].end.is_err(), "{done:?}");
     assert_eq!(
         pulses.load(Ordering::Relaxed),

@@ -2,7 +2,7 @@
 
 use super::super::*;
 use super::world::{World, at, bit, k, ms};
-use crate::Failure;
+use crate::CommandError;
 
 const TEXT: &str = "[line.main]\nport = \"/dev/ttyS9\"\n\
     [module.oven]\nline = \"main\"\nmodel = \"erc8\"\naddress = 3\n";
@@ -47,7 +47,10 @@ fn a_disk_that_refuses_begins_no_pulse() {
     world.faults.disk = 1;
     let begun = world.pulse("li", ("oven", 1), pulse(1_000));
     world.pass(ms(1_000));
-    assert_eq!(begun.now(), Err(Failure::NotKept(ErrorKind::StorageFull)));
+    assert_eq!(
+        begun.now(),
+        Err(CommandError::NotKept(ErrorKind::StorageFull))
+    );
     assert!(world.acted.is_empty());
 }
 
@@ -64,7 +67,7 @@ fn a_takeover_is_done_or_refused_and_never_half() {
     world.faults.disk = 0;
     assert_eq!(
         taken.now(),
-        Err(Failure::NotTakenOver(ErrorKind::StorageFull))
+        Err(CommandError::NotTakenOver(ErrorKind::StorageFull))
     );
     world.pass(ms(5_000));
     assert_eq!(world.relays("oven"), 0);
@@ -85,7 +88,7 @@ fn a_lease_that_could_not_take_over_does_so_when_it_is_said_again() {
     world.faults.disk = 0;
     assert_eq!(
         held.now(),
-        Err(Failure::NotTakenOver(ErrorKind::StorageFull))
+        Err(CommandError::NotTakenOver(ErrorKind::StorageFull))
     );
     world.pass(ms(2_000));
     let again = world.lease("wang", ("oven", 1), (false, ms(15_000)));
@@ -110,7 +113,7 @@ fn a_pulse_that_falls_due_during_a_refused_takeover_ends() {
         let taken = world.write("wang", ("oven", 1), true);
         world.pass(ms(1_000));
         world.faults.disk = 0;
-        if taken.now() != Err(Failure::NotTakenOver(ErrorKind::StorageFull)) {
+        if taken.now() != Err(CommandError::NotTakenOver(ErrorKind::StorageFull)) {
             continue;
         }
         world.pass(ms(600_000));
@@ -212,7 +215,7 @@ fn an_output_that_went_off_just_before_the_end_stays_off_after_the_next_start() 
         world.pass(ms(300));
         let _ = off.get();
         if went_off {
-            let refused = matches!(soon.now(), Err(Failure::MinOff { .. }));
+            let refused = matches!(soon.now(), Err(CommandError::MinOff { .. }));
             assert!(refused, "killed after {killed} ms: {:?}", soon.now());
         }
     }

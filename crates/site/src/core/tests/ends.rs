@@ -3,7 +3,7 @@
 
 use super::super::*;
 use super::world::{World, at, bit, k, ms, who_is};
-use crate::Failure;
+use crate::CommandError;
 use railbus_host::Fault;
 
 const OVEN: &str = "[line.main]\nport = \"/dev/ttyS9\"\n\
@@ -129,13 +129,13 @@ fn an_undone_batch_leaves_no_pulse_of_a_module_without_an_end() {
             world.order(move |core| async move { core.batch(&who_is("li"), &set, terms).await });
         world.pass(ms(10_000));
         let done = done.now();
-        assert_eq!(done.parts[0].end, Err(Failure::NotUndone));
+        assert_eq!(done.parts[0].end, Err(CommandError::NotUndone));
         assert!(!done.undone);
         assert_eq!(world.relays("gate"), if off { bit(1) } else { 0 });
     }
 }
 
-fn toggle(world: &mut World) -> super::world::End<Result<BatchDone, Failure>> {
+fn toggle(world: &mut World) -> super::world::End<Result<BatchDone, CommandError>> {
     world.order(|core| async move {
         let (who, terms) = (who_is("li"), BatchTerms::default());
         core.set_group(&who, "all", GroupState::Toggle, terms).await
@@ -224,7 +224,7 @@ fn no_pulse_begins_while_the_site_is_being_closed() {
         world.pass(ms(after));
         world.close();
         world.pass(ms(5_000));
-        let is_closed = begun.now().err() == Some(Failure::Line(Fault::Closed));
+        let is_closed = begun.now().err() == Some(CommandError::Line(Fault::Closed));
         let acted = world.acted.iter().any(|acted| acted.module == "gate");
         closed += u8::from(is_closed && !acted);
         assert_eq!(world.relays("gate"), 0, "{after} ms");

@@ -2,7 +2,7 @@
 
 use super::super::*;
 use super::world::{End, World, at, bit, ms, who_is};
-use crate::Failure;
+use crate::CommandError;
 use railbus_host::Fault;
 
 const PORT: &str = "/dev/ttyS9";
@@ -29,8 +29,8 @@ fn swap(world: &mut World, more: &str) {
     assert!(reloaded.now().is_some());
 }
 
-fn closed() -> Failure {
-    Failure::Line(Fault::Closed)
+fn closed() -> CommandError {
+    CommandError::Line(Fault::Closed)
 }
 
 fn batch(world: &mut World, set: &[(Place, bool)], all_or_nothing: bool) -> End<BatchDone> {

@@ -2,7 +2,7 @@
 
 use super::super::*;
 use super::world::{Faults, World, at, bit, k, ms, who_is};
-use crate::Failure;
+use crate::CommandError;
 use railbus_host::Fault;
 
 const TEXT: &str = "[line.main]\nport = \"/dev/ttyS9\"\n\
@@ -127,7 +127,7 @@ fn a_lease_lasts_as_long_as_that_is_said_again() {
     world.pass(ms(1_000));
     assert_eq!(world.relays("oven"), 0);
     let lost = world.order(|core| async move { core.end_lease(&who_is("li"), "oven", k(1)).await });
-    assert_eq!(lost.now(), Err(Failure::NoLease(k(1))));
+    assert_eq!(lost.now(), Err(CommandError::NoLease(k(1))));
 }
 
 #[test]
@@ -170,7 +170,7 @@ fn a_command_that_was_never_sent_leaves_the_longest_time_as_it_runs() {
     });
     let asked = world.now;
     while refused.get().is_none() && world.step(asked + ms(1_000)) {}
-    assert_eq!(refused.now(), Err(Failure::Line(Fault::Closed)));
+    assert_eq!(refused.now(), Err(CommandError::Line(Fault::Closed)));
     let passed = std::time::Duration::from_micros((world.now - asked).0);
     assert_eq!(left(&mut world, 1), before.map(|before| before - passed));
     assert_eq!(left(&mut world, 2), None, "it was never switched on");
@@ -191,7 +191,7 @@ fn outputs_that_exclude_each_other_are_never_on_together() {
             refused => (refused, bit(2)),
         };
         assert!(
-            matches!(refused, Err(Failure::Interlock { .. })),
+            matches!(refused, Err(CommandError::Interlock { .. })),
             "{refused:?}"
         );
         assert_eq!(world.relays("oven"), on);
@@ -212,11 +212,14 @@ fn an_output_that_may_have_gone_off_must_stay_off() {
     let asked = world.now;
     while off.get().is_none() && world.step(asked + ms(400)) {}
     world.faults = Faults::default();
-    assert!(matches!(off.now(), Err(Failure::Line(Fault::NoReply(_)))));
+    assert!(matches!(
+        off.now(),
+        Err(CommandError::Line(Fault::NoReply(_)))
+    ));
     let soon = world.write("wang", ("oven", 1), true);
     world.pass(ms(100));
     assert!(
-        matches!(soon.now(), Err(Failure::MinOff { .. })),
+        matches!(soon.now(), Err(CommandError::MinOff { .. })),
         "{:?}",
         soon.now()
     );
@@ -240,7 +243,7 @@ fn an_output_that_was_on_unseen_must_stay_off_after_a_restart() {
     world.start();
     let soon = world.write("li", ("oven", 1), true);
     world.pass(ms(500));
-    assert!(matches!(soon.now(), Err(Failure::MinOff { .. })));
+    assert!(matches!(soon.now(), Err(CommandError::MinOff { .. })));
     assert_eq!(world.acted.len(), 2);
 }
 
@@ -258,7 +261,7 @@ fn what_an_output_must_stay_off_outlives_the_process() {
     world.pass(ms(1_000));
     let soon = world.write("li", ("oven", 1), true);
     world.pass(ms(500));
-    assert!(matches!(soon.now(), Err(Failure::MinOff { .. })));
+    assert!(matches!(soon.now(), Err(CommandError::MinOff { .. })));
     world.pass(ms(60_000));
     let later = world.write("li", ("oven", 1), true);
     world.pass(ms(500));
@@ -273,12 +276,15 @@ fn a_site_that_ends_releases_what_is_held_and_begins_nothing_more() {
     assert!(held.now().is_ok());
     let ended = world.close();
     let late = world.write("li", ("oven", 2), true);
-    assert_eq!(late.now(), Err(Failure::Line(Fault::Closed)));
+    assert_eq!(late.now(), Err(CommandError::Line(Fault::Closed)));
     let set = [(at("oven", 2), true)];
     let batch = world.order(move |core| async move {
         core.batch(&who_is("li"), &set, BatchTerms::default()).await
     });
-    assert_eq!(batch.now().parts[0].end, Err(Failure::Line(Fault::Closed)));
+    assert_eq!(
+        batch.now().parts[0].end,
+        Err(CommandError::Line(Fault::Closed))
+    );
     world.pass(ms(2_000));
     assert!(ended.get().is_some());
     assert_eq!(world.relays("oven"), bit(3));
@@ -322,9 +328,9 @@ fn all_or_nothing_leaves_everything_as_it_was() {
     let done = done.now();
     assert!(matches!(
         done.parts[2].end,
-        Err(Failure::Line(Fault::NoReply(_)))
+        Err(CommandError::Line(Fault::NoReply(_)))
     ));
-    assert_eq!(done.parts[0].end, Err(Failure::Undone));
+    assert_eq!(done.parts[0].end, Err(CommandError::Undone));
     assert_eq!(world.relays("oven"), bit(2));
 }
 
@@ -353,7 +359,7 @@ fn a_command_that_has_expired_is_not_sent() {
     world.hold_line(ms(6_000));
     let late = world.write("li", ("oven", 1), true);
     world.pass(ms(10_000));
-    assert_eq!(late.now(), Err(Failure::Line(Fault::Expired)));
+    assert_eq!(late.now(), Err(CommandError::Line(Fault::Expired)));
     assert!(world.acted.is_empty());
 }
 
@@ -372,7 +378,7 @@ fn a_reading_from_before_a_command_does_not_say_that_an_output_is_off() {
     let second = world.write("wang", ("oven", 2), true);
     world.pass(ms(500));
     assert!(
-        matches!(second.now(), Err(Failure::Interlock { .. })),
+        matches!(second.now(), Err(CommandError::Interlock { .. })),
         "{:?}",
         second.now()
     );
@@ -393,7 +399,7 @@ fn what_may_be_commanded_is_asked_again_in_its_turn() {
         .reconfigure(Arc::new(config), |_| true, |_| false);
     world.pass(ms(1_000));
     assert!(first.get().is_some());
-    let asked = Failure::Confirm(k(1));
+    let asked = CommandError::Confirm(k(1));
     assert_eq!(write.now(), Err(asked.clone()));
     assert_eq!(pulse.now(), Err(asked));
     assert_eq!(world.acted.len(), 1);

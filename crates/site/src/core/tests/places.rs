@@ -5,7 +5,7 @@ use super::super::reload::TURN_MAX;
 use super::super::*;
 use super::world::{End, World, bit, k, ms, who_is};
 use crate::rights::Who;
-use crate::{BadReason, Failure, Rights, Role};
+use crate::{BadReason, CommandError, Rights, Role};
 use railbus_host::{Fault, LineState};
 
 const PORT: &str = "/dev/ttyS9";
@@ -40,8 +40,8 @@ fn pulse(width: u64) -> Pulse {
     }
 }
 
-fn closed<T>() -> Result<T, Failure> {
-    Err(Failure::Line(Fault::Closed))
+fn closed<T>() -> Result<T, CommandError> {
+    Err(CommandError::Line(Fault::Closed))
 }
 
 /// What is done to the board that got the name of another, by a command that was for that one.
@@ -81,7 +81,7 @@ fn rights_are_asked_again_by_the_configuration_of_the_moment() {
     world.pass(ms(2_000));
     let ends: Vec<_> = done.now().unwrap().parts.into_iter().collect();
     assert!(ends[0].end.is_ok(), "{ends:?}");
-    let refused = Failure::NotPermitted {
+    let refused = CommandError::NotPermitted {
         module: "oven".to_owned(),
         label: "do0".to_owned(),
     };
@@ -106,7 +106,7 @@ fn rights_to_reload_are_asked_again_by_the_configuration_of_the_moment() {
         world.pass(ms(2_000));
         assert!(first.is_none_or(|first| first.now().is_some()));
         match other_first {
-            true => assert_eq!(named.now(), Err(Failure::Limited(points))),
+            true => assert_eq!(named.now(), Err(CommandError::Limited(points))),
             false => assert!(named.now().is_ok_and(|reloaded| reloaded.is_some())),
         }
         let oven = world.state().site.config().modules["oven"].setup.address.0;
@@ -132,7 +132,7 @@ fn what_begins_while_its_line_is_lent_goes_to_its_own_board_or_nowhere() {
             world.pass(ms(60_000));
             let end = pulse.and_then(|end| end.now().err());
             let end = end.or_else(|| lease.and_then(|end| end.now().err()));
-            assert_eq!(end, Some(Failure::Line(Fault::Closed)), "{after} ms");
+            assert_eq!(end, Some(CommandError::Line(Fault::Closed)), "{after} ms");
             assert!(world.acted.is_empty(), "{after} ms: {:?}", world.acted);
             is_quiet(&mut world);
         }
@@ -257,7 +257,7 @@ fn reloads_and_loans_come_one_after_the_other() {
         world.pass(ms(5_000));
         assert_eq!(first.now().unwrap().opened, ["other"]);
         let loan = lent.now().unwrap().loan;
-        assert!(matches!(again.now(), Err(Failure::Lent)));
+        assert!(matches!(again.now(), Err(CommandError::Lent)));
         // While it is lent, its modules have moved.
         assert_eq!(last.now().unwrap().closed, ["other"]);
         assert_eq!(world.state().line_fault("main"), Some(BadReason::Exclusive));
@@ -346,7 +346,7 @@ fn a_line_is_not_lent_whose_output_is_switched_on_meanwhile_and_is_due() {
     world.move_by_hand("oven", bit(2));
     world.pass(ms(3_000));
     assert!(
-        matches!(lent.now(), Err(Failure::Due { .. })),
+        matches!(lent.now(), Err(CommandError::Due { .. })),
         "{:?}",
         lent.now()
     );
@@ -371,7 +371,7 @@ fn an_output_of_a_line_that_was_lent_may_have_gone_off_just_now() {
         let early = world.write("li", ("oven", 1), true);
         world.pass(ms(1_000));
         assert!(
-            matches!(early.now(), Err(Failure::MinOff { .. })),
+            matches!(early.now(), Err(CommandError::MinOff { .. })),
             "{:?}",
             early.now()
         );
@@ -391,10 +391,10 @@ fn so_many_may_wait_for_a_line() {
     let first = world.reload(&swapped(), true);
     let waiting: Vec<_> = (1..WAITING_MAX).map(|_| world.lend("main")).collect();
     let refused = world.lend("main");
-    let overloaded = matches!(refused.now(), Err(Failure::Line(Fault::Overloaded)));
+    let overloaded = matches!(refused.now(), Err(CommandError::Line(Fault::Overloaded)));
     assert!(overloaded, "{:?}", refused.now());
     let refused = world.reload_as(Rights::all(), &here());
-    assert_eq!(refused.now(), Err(Failure::Line(Fault::Overloaded)));
+    assert_eq!(refused.now(), Err(CommandError::Line(Fault::Overloaded)));
     world.disk_takes = None;
     world.pass(ms(120_000));
     assert!(first.now().is_some());
@@ -445,7 +445,7 @@ fn a_site_that_closes_during_a_reload_or_a_loan_opens_nothing_any_more() {
             assert_eq!(world.relays_at(PORT, 3), 0, "{what} after {after} ms");
             assert!(matches!(
                 world.lend("main").now(),
-                Err(Failure::Line(Fault::Closed))
+                Err(CommandError::Line(Fault::Closed))
             ));
             let on = world.write("wang", ("kiln", 2), true);
             assert_eq!(on.now().map(drop), closed());

@@ -3,7 +3,7 @@
 
 use super::super::*;
 use super::world::{World, bit, k, ms};
-use crate::{BadReason, Failure};
+use crate::{BadReason, CommandError};
 use railbus_host::Fault;
 
 const PORT: &str = "/dev/ttyS9";
@@ -210,7 +210,7 @@ fn an_output_of_another_board_may_have_gone_off_just_now() {
     let early = world.write("li", ("oven", 1), true);
     world.pass(ms(1_000));
     assert!(
-        matches!(early.now(), Err(Failure::MinOff { .. })),
+        matches!(early.now(), Err(CommandError::MinOff { .. })),
         "{:?}",
         early.now()
     );
@@ -264,7 +264,7 @@ fn a_line_whose_port_is_being_closed_is_lent_to_nobody_who_has_gone() {
         if ends {
             world.close();
             world.pass(ms(5_000));
-            assert!(matches!(lent.now(), Err(Failure::Line(Fault::Closed))));
+            assert!(matches!(lent.now(), Err(CommandError::Line(Fault::Closed))));
             continue;
         }
         world.cancel(&lent);

@@ -8,7 +8,7 @@ mod layout;
 use super::super::within::TTL;
 use super::super::*;
 use super::world::{Acted, Dice, End, Faults, Logged, Seat, World, at, bit, ms, who_is};
-use crate::Failure;
+use crate::CommandError;
 use crate::config::Step;
 use crate::rights::Who;
 use layout::Layout;
@@ -89,7 +89,7 @@ type Relay = (Seat, u8);
 /// A line that is asked for, or lent, until then.
 struct Borrowed {
     line: &'static str,
-    end: End<Result<Exclusive, Failure>>,
+    end: End<Result<Exclusive, CommandError>>,
     until: Micros,
     /// It is being given back.
     returns: Option<End<()>>,
@@ -124,10 +124,10 @@ struct Soak {
     reloads: Vec<(Micros, End<Option<Reloaded>>)>,
 }
 
-fn told(end: Result<Told, Failure>) -> Told {
+fn told(end: Result<Told, CommandError>) -> Told {
     match end {
         Ok(told) => told,
-        Err(Failure::Undone) => Told::Undone,
+        Err(CommandError::Undone) => Told::Undone,
         Err(failure) if failure.may_have_acted() => Told::Perhaps,
         Err(_) => Told::AsItWas,
     }

@@ -2,7 +2,7 @@
 
 use super::super::*;
 use super::world::{End as Ended, World, at, bit, k, ms, who_is};
-use crate::Failure;
+use crate::CommandError;
 use railbus_host::Fault;
 
 const TEXT: &str = "[line.main]\nport = \"/dev/ttyS9\"\n\
@@ -56,7 +56,7 @@ const CAUSES: [Cause; 4] = [Cause::Turn, Cause::Log, Cause::Disk, Cause::Line];
 /// For how long.
 const WAITS: Micros = ms(7_000);
 
-fn give(world: &mut World, kind: Kind, within: Within) -> Ended<Result<(), Failure>> {
+fn give(world: &mut World, kind: Kind, within: Within) -> Ended<Result<(), CommandError>> {
     let who = who_is("li");
     world.order(move |core| async move {
         let (module, point, set) = ("oven", k(1), [(k(1), true)]);
@@ -123,7 +123,7 @@ fn give(world: &mut World, kind: Kind, within: Within) -> Ended<Result<(), Failu
 }
 
 /// A command that has to wait for [`WAITS`], with what came of it.
-fn wait(kind: Kind, cause: Cause, within: Micros) -> (World, Result<(), Failure>) {
+fn wait(kind: Kind, cause: Cause, within: Micros) -> (World, Result<(), CommandError>) {
     let mut world = World::new(&format!("{TEXT}{LIMITED}"), 7);
     world.pass(ms(300));
     match cause {
@@ -190,7 +190,7 @@ fn who_gave_a_command_waits_no_longer_for_the_disk() {
         let ended = give(&mut world, Kind::Write, Within::new(ms(500)).unwrap());
         world.pass(ms(20_000));
         let (at, end) = ended.get().unwrap();
-        assert_eq!(end, Err(Failure::Line(Fault::Expired)), "{points}");
+        assert_eq!(end, Err(CommandError::Line(Fault::Expired)), "{points}");
         assert!(at < given + ms(510), "{points}: after {:?}", at - given);
         assert!(world.acted.is_empty());
     }
@@ -235,8 +235,8 @@ fn what_was_sent_in_time_is_undone_later() {
     world.pass(ms(3_000));
     let done = done.now();
     let ends: Vec<_> = done.parts.into_iter().map(|part| part.end).collect();
-    let expired = Failure::Line(Fault::Expired);
-    assert_eq!(ends, [Err(Failure::Undone), Err(expired)]);
+    let expired = CommandError::Line(Fault::Expired);
+    assert_eq!(ends, [Err(CommandError::Undone), Err(expired)]);
     assert_eq!(world.relays("oven"), bit(1));
     let undone = world.acted.last().unwrap();
     assert!(undone.at > given + ms(400), "{undone:?}");

@@ -7,7 +7,7 @@ use super::super::*;
 pub(super) use super::chance::{Dice, Faults};
 use crate::rights::Who;
 use crate::service::lock;
-use crate::{Failure, Rights};
+use crate::{CommandError, Rights};
 use jiff::tz::TimeZone;
 pub(super) use lines::Seat;
 use lines::{Board, Wire};
@@ -231,7 +231,7 @@ impl World {
         &mut self,
         rights: Rights,
         text: &str,
-    ) -> End<Result<Option<Reloaded>, Failure>> {
+    ) -> End<Result<Option<Reloaded>, CommandError>> {
         let (config, store) = self.to_store(text, true);
         self.order(move |core| async move { core.reload(&rights, config, Some(store)).await })
     }
@@ -249,7 +249,7 @@ impl World {
     }
 
     /// Exclusive access to a line.
-    pub(super) fn lend(&mut self, line: &str) -> End<Result<Exclusive, Failure>> {
+    pub(super) fn lend(&mut self, line: &str) -> End<Result<Exclusive, CommandError>> {
         let line = line.to_owned();
         self.order(move |core| async move { core.lend_line(&line).await })
     }
@@ -345,7 +345,7 @@ impl World {
         who: &str,
         output: (&str, u8),
         on: bool,
-    ) -> End<Result<WriteDone, Failure>> {
+    ) -> End<Result<WriteDone, CommandError>> {
         let (module, who) = (output.0.to_owned(), who_is(who));
         let set = [(k(output.1), on)];
         self.order(move |core| async move {
@@ -358,7 +358,7 @@ impl World {
         who: &str,
         output: (&str, u8),
         pulse: Pulse,
-    ) -> End<Result<PulseDone, Failure>> {
+    ) -> End<Result<PulseDone, CommandError>> {
         let (module, who, point) = (output.0.to_owned(), who_is(who), k(output.1));
         self.order(move |core| async move { core.pulse(&who, &module, point, pulse).await })
     }
@@ -368,7 +368,7 @@ impl World {
         who: &str,
         output: (&str, u8),
         (on, time): (bool, Micros),
-    ) -> End<Result<Leased, Failure>> {
+    ) -> End<Result<Leased, CommandError>> {
         let (module, who, point) = (output.0.to_owned(), who_is(who), k(output.1));
         self.order(move |core| async move {
             core.lease(&who, &module, point, (on, time), LeaseTerms::default())
@@ -414,7 +414,7 @@ impl World {
             Due::Begun(request, entry) => {
                 let refused = self.dice.one_in(self.faults.audit);
                 let begun = match refused {
-                    true => Err(Failure::NotAudited),
+                    true => Err(CommandError::NotAudited),
                     false => Ok(Begun {
                         id: entry.to_string(),
                         event: Box::new(Told::new(EventKind::Write, Severity::Info, "write")),
