@@ -31,7 +31,7 @@ pub struct Problem {
 
 impl Problem {
     /// A problem of this kind.
-    pub fn new(kind: Kind) -> Problem {
+    pub fn new(kind: ProblemType) -> Problem {
         Problem {
             code: kind.code.to_owned(),
             title: kind.title().to_owned(),
@@ -72,14 +72,14 @@ impl Problem {
 
 /// A kind of problem.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Kind {
+pub struct ProblemType {
     /// The stable code.
     pub code: &'static str,
     /// The HTTP status.
     pub status: u16,
 }
 
-impl Kind {
+impl ProblemType {
     /// One English sentence, as in the table of codes.
     fn title(self) -> &'static str {
         Code::from_name(self.code).map_or("", |code| code.page().title(Lang::En))
@@ -88,13 +88,16 @@ impl Kind {
 
 /// Every kind, and the fields that come with it.
 pub mod codes {
-    use super::Kind;
+    use super::ProblemType;
 
     macro_rules! kinds {
         ($($(#[$doc:meta])* $name:ident = $code:literal, $status:literal;)*) => {
-            $($(#[$doc])* pub const $name: Kind = Kind { code: $code, status: $status };)*
+            $($(#[$doc])* pub const $name: ProblemType = ProblemType {
+                code: $code,
+                status: $status,
+            };)*
             /// All of them.
-            pub const ALL: &[Kind] = &[$($name),*];
+            pub const ALL: &[ProblemType] = &[$($name),*];
         };
     }
 

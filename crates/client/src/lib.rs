@@ -15,7 +15,7 @@ use railbus_api::control::{
 };
 use railbus_api::outlets::{OutletInfo, OutletList};
 use railbus_api::past::{HistoryInfo, VerifiedInfo};
-use railbus_api::problem::{Kind, Problem, codes};
+use railbus_api::problem::{Problem, ProblemType, codes};
 use railbus_api::sending::{SendAnswer, SendRequest};
 use railbus_api::types::{
     FrameEvent, LineInfo, Lines, ModuleInfo, Modules, OutputsRequest, OutputsWritten, PointInfo,
@@ -420,7 +420,7 @@ impl DaemonClient {
     }
 }
 
-fn said_of(socket: &Path, kind: Kind, reason: &str) -> Problem {
+fn said_of(socket: &Path, kind: ProblemType, reason: &str) -> Problem {
     let socket = socket.display();
     Problem::new(kind)
         .with("socket", socket.to_string())

@@ -22,7 +22,7 @@ mod webhook;
 pub(super) use run::{Northbound, OutletFigures};
 
 use kind::OutletKind;
-use railbus_api::problem::{Kind, Problem};
+use railbus_api::problem::{Problem, ProblemType};
 use railbus_app::api::failures::bad_config;
 use railbus_site::Config;
 use railbus_words::Lang;
@@ -48,7 +48,7 @@ pub(super) fn is_outlet(table: &str) -> bool {
 
 /// The problem where a table of the configuration has no outlet of a name; none if no outlets
 /// stand in this table.
-pub(super) fn missing_in(table: &str) -> Option<Kind> {
+pub(super) fn missing_in(table: &str) -> Option<ProblemType> {
     let its = NORTHBOUND.iter().find(|kind| kind.table == table);
     its.map(|kind| kind.missing)
 }

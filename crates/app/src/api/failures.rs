@@ -1,6 +1,6 @@
 //! From the site's failures to the problems of the API.
 
-use railbus_api::problem::{Kind, Problem, codes};
+use railbus_api::problem::{Problem, ProblemType, codes};
 use railbus_api::types::LineInfo;
 use railbus_bus::Evidence;
 use railbus_device::{Point, Refusal};
@@ -316,7 +316,7 @@ pub fn of_several(failure: &CommandError) -> Problem {
     problem.perhaps_acted(failure.may_have_acted())
 }
 
-const fn kind_of(fault: &Fault) -> Kind {
+const fn kind_of(fault: &Fault) -> ProblemType {
     match fault {
         Fault::Unsupported => codes::UNSUPPORTED,
         Fault::Overloaded => codes::OVERLOADED,

@@ -1,7 +1,7 @@
 //! What a kind of outlet is: its name, its settings as data, and its functions.
 
 use super::outlet::Outlet;
-use railbus_api::problem::{Kind as ProblemKind, Problem, codes};
+use railbus_api::problem::{Problem, ProblemType as ProblemKind, codes};
 use railbus_site::config::change::Keys;
 use railbus_site::{Config, Events};
 use std::pin::Pin;
