@@ -13,7 +13,7 @@ use axum::http::Response;
 use axum::routing::post;
 use hyper::body::Frame;
 use railbus_app::api::failures;
-use railbus_site::{Loan, Rights};
+use railbus_site::{ExclusiveHold, Rights};
 use std::convert::Infallible;
 use std::pin::Pin;
 use std::task::{Context, Poll};
@@ -49,7 +49,7 @@ pub(super) async fn lend(State(site): State<Site>, Path(line): Path<String>) -> 
 /// is free then.
 async fn take_back(
     mut site: Site,
-    loan: Loan,
+    loan: ExclusiveHold,
     mut gone: oneshot::Receiver<()>,
     lent: oneshot::Sender<()>,
 ) {

@@ -95,7 +95,7 @@ pub(crate) struct At {
 
 /// An audit entry whose command is in progress.
 #[derive(Clone, Debug)]
-pub(crate) struct Begun {
+pub(crate) struct OpenAuditEntry {
     /// Its number.
     pub(crate) id: String,
     /// The event to report at its end.
@@ -153,7 +153,7 @@ pub(crate) enum Output {
         /// Names it in [`Output::Answer`].
         request: RequestId,
         /// The entry that has ended.
-        begun: Begun,
+        begun: OpenAuditEntry,
         /// The end.
         end: End,
         /// The known states of the outputs.

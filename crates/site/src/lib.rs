@@ -15,7 +15,7 @@
 //! - What drives it, and what callers see of it (one file for orders, status, followers, reloads,
 //!   loans, raw frames, running rules): `service`.
 //! - Who may command what: `rights`. Why something failed: `failure`. Values and their quality:
-//!   `truth`.
+//!   `points`.
 //! - Keys of `railbus.toml`, with their checks and the edits that keep comments: `config`.
 //! - Rules: their keys in `config/rules.rs`; when one is true and what it does then in `rules`, as
 //!   a state machine (`engine`) with times of day (`clock`).
@@ -29,10 +29,10 @@ mod core;
 mod failure;
 mod health;
 pub mod paths;
+mod points;
 mod rights;
 pub mod rules;
 mod service;
-mod truth;
 
 pub use self::core::{
     Batch, BatchDone, BatchTerms, By, COMMANDS_KEPT, Command, GroupState, LEASE_MAX, LEASE_MIN,
@@ -41,10 +41,10 @@ pub use self::core::{
 };
 pub use config::Config;
 pub use failure::CommandError;
+pub use points::{BadReason, PointChange, PointQuality, PointState, PointValue, Pulses, Site};
 pub use rights::{Rights, Role};
 pub use service::{
-    CommandKey, Counts, Events, Follower, KEY_LEN_MAX, KeyRefusal, Left, LineStatus, Loan,
+    CommandKey, Counts, Events, ExclusiveHold, Follower, KEY_LEN_MAX, KeyRefusal, Left, LineStatus,
     ModuleStatus, PointNow, PointStatus, RawTerms, ReloadError, RuleStatus, STEPS, Sent, Service,
     StartError, Update, Updates, Work, is_refused,
 };
-pub use truth::{BadReason, PointChange, PointQuality, PointState, PointValue, Pulses, Site};

@@ -3,8 +3,8 @@
 mod alarm;
 mod driver;
 mod entries;
+mod exclusive_hold;
 mod follow;
-mod loan;
 mod meter;
 mod once;
 mod orders;
@@ -16,8 +16,8 @@ mod send;
 mod status;
 mod update;
 
+pub use exclusive_hold::ExclusiveHold;
 pub use follow::Follower;
-pub use loan::Loan;
 pub(crate) use meter::Busy;
 pub use meter::{Counts, STEPS};
 pub use once::{CommandKey, KEY_LEN_MAX, KeyRefusal};

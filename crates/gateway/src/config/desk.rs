@@ -8,7 +8,7 @@ use railbus_app::api::failures::{self, bad_config};
 use railbus_app::config_file;
 use railbus_site::config::edit::WriteError;
 use railbus_site::config::keeper::{ConfigFile, Generation, etag};
-use railbus_site::{Config, Loan, ReloadError, Reloaded, Service};
+use railbus_site::{Config, ExclusiveHold, ReloadError, Reloaded, Service};
 use railbus_store::audit::Origin;
 use railbus_store::history::{Event, EventKind, Severity};
 use railbus_words::Lang;
@@ -199,7 +199,7 @@ impl Desk {
 
     /// Ends exclusive access to a line, and applies the present configuration: a module may have
     /// moved.
-    pub(crate) async fn take_back(&self, loan: Loan, service: &Service) {
+    pub(crate) async fn take_back(&self, loan: ExclusiveHold, service: &Service) {
         let _turn = self.turn().await;
         let text = config_file::text_of(self.file()).ok();
         let old = service.config();

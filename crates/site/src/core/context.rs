@@ -3,7 +3,7 @@
 //! two awaits, nothing else comes between.
 
 use super::state::State;
-use super::{Begun, LineId, Output};
+use super::{LineId, OpenAuditEntry, Output};
 use crate::CommandError;
 use crate::config::Config;
 use crate::service::lock;
@@ -32,7 +32,7 @@ pub(crate) enum Reply {
     /// The line has ended an op.
     Ran(Result<Done, Fault>),
     /// What is about to be done is written down, or may not be done.
-    Begun(Result<Begun, CommandError>),
+    Begun(Result<OpenAuditEntry, CommandError>),
     /// A line has taken its new modules.
     Changed,
     /// Whether a configuration was written.
@@ -326,7 +326,7 @@ impl Context {
         label: Option<String>,
         note: Note,
         before: String,
-    ) -> Result<Begun, CommandError> {
+    ) -> Result<OpenAuditEntry, CommandError> {
         let begin = |request| Output::Begin {
             request,
             module,
@@ -358,7 +358,7 @@ impl Context {
 
     /// Has it written down how it ended. This does not wait for that: whoever waits for this
     /// procedure does, see [`Context::answer`].
-    pub(crate) fn journal_end(&self, begun: Begun, end: End, after: String) {
+    pub(crate) fn journal_end(&self, begun: OpenAuditEntry, end: End, after: String) {
         self.with(|state| {
             let runs = &mut state.runs;
             let request = runs.next_request();

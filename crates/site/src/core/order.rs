@@ -2,7 +2,7 @@
 //! first frame until it has ended. All switching of outputs goes through here, in the output's
 //! turn.
 
-use super::Begun;
+use super::OpenAuditEntry;
 use super::commands::Command;
 use super::context::Context;
 use super::promises::Why;
@@ -35,7 +35,7 @@ pub(super) struct Entry {
     /// The last failure.
     failed: Option<End>,
     /// Of the tries after the first.
-    open: Option<Begun>,
+    open: Option<OpenAuditEntry>,
 }
 
 impl Entry {
@@ -171,7 +171,7 @@ impl Context {
         module: &str,
         points: &[Point],
         entry: &mut Entry,
-    ) -> Result<(Begun, Vec<(Point, Option<bool>)>), CommandError> {
+    ) -> Result<(OpenAuditEntry, Vec<(Point, Option<bool>)>), CommandError> {
         let (before, states, label) = self.with(|state| {
             let before = |point: &Point| (*point, state.known(&Place::new(module, *point)));
             let before: Vec<_> = points.iter().map(before).collect();
@@ -201,7 +201,13 @@ impl Context {
     }
 
     /// Records how a command ended, unless it failed again like before.
-    fn end_command(&self, begun: Begun, end: Result<End, End>, after: String, entry: &mut Entry) {
+    fn end_command(
+        &self,
+        begun: OpenAuditEntry,
+        end: Result<End, End>,
+        after: String,
+        entry: &mut Entry,
+    ) {
         let is_again = entry.failed.is_some();
         entry.failed = end.err();
         let (Ok(ended) | Err(ended)) = end;

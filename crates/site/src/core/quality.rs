@@ -4,8 +4,8 @@
 use super::State;
 use super::promises::{Key, Why};
 use crate::config::Place;
+use crate::points::PointState;
 use crate::service::Update;
-use crate::truth::PointState;
 use crate::{PointQuality, PointValue};
 use railbus_device::Point;
 use railbus_wire::{Instant, Micros, PulseWidth};

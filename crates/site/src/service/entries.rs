@@ -7,7 +7,7 @@
 
 use super::{Driven, Inner};
 use crate::CommandError;
-use crate::core::{Begun, Input, Reply, RequestId, Tell};
+use crate::core::{Input, OpenAuditEntry, Reply, RequestId, Tell};
 use railbus_store::audit::{AuditLog, End, Entry, NotWritten, Note, Waiting};
 use railbus_store::history::{Event, EventKind, Severity};
 use railbus_wire::Micros;
@@ -73,7 +73,7 @@ impl Inner {
         }
         event.id.clone_from(&id);
         let event = Box::new(event);
-        let begun = Begun {
+        let begun = OpenAuditEntry {
             id: id.clone(),
             event,
         };
@@ -132,10 +132,10 @@ impl Inner {
         self: &Arc<Inner>,
         driven: &mut Driven,
         request: RequestId,
-        begun: Begun,
+        begun: OpenAuditEntry,
         (end, after): (End, String),
     ) {
-        let Begun { id, mut event } = begun;
+        let OpenAuditEntry { id, mut event } = begun;
         self.audit.end(&id, end);
         event.after = Some(after.clone()).filter(|text| !text.is_empty());
         event.end = Some(end.name().to_owned());

@@ -2,7 +2,7 @@
 //! point.
 
 use super::{Follower, Inner, LineStatus, PointStatus, Service};
-use crate::core::{Begun, Context, News, State};
+use crate::core::{Context, News, OpenAuditEntry, State};
 use crate::rights::Who;
 use crate::{CommandError, PointQuality, PointValue};
 use railbus_device::Point;
@@ -145,7 +145,7 @@ impl Service {
 #[derive(Debug)]
 pub struct Work {
     service: Service,
-    begun: Begun,
+    begun: OpenAuditEntry,
 }
 
 impl Work {

@@ -5,8 +5,8 @@ use crate::safety::{site, switch};
 use railbus_host::{LineState, Presence};
 use railbus_site::config::Place;
 use railbus_site::{
-    BadReason, BatchTerms, CommandError, Config, LOAN_MAX, LeaseTerms, Leased, Loan, PointQuality,
-    Pulse, Service, Within, WriteTerms,
+    BadReason, BatchTerms, CommandError, Config, ExclusiveHold, LOAN_MAX, LeaseTerms, Leased,
+    PointQuality, Pulse, Service, Within, WriteTerms,
 };
 use railbus_wire::Micros;
 use std::time::Duration;
@@ -289,7 +289,7 @@ async fn a_line_is_not_lent_while_an_output_must_be_switched_off_soon() {
     // One that has the time bounds the loan.
     switch(&service, "oven", 2, true).await.unwrap();
     let loan = service.lend("main").await.unwrap();
-    let time = |loan: &Loan| loan.until() - tokio::time::Instant::now();
+    let time = |loan: &ExclusiveHold| loan.until() - tokio::time::Instant::now();
     let most = Duration::from_secs(270);
     assert!(most < LOAN_MAX && time(&loan) <= most, "{:?}", time(&loan));
     loan.end(None).await;

@@ -415,7 +415,7 @@ impl World {
                 let refused = self.dice.one_in(self.faults.audit);
                 let begun = match refused {
                     true => Err(CommandError::NotAudited),
-                    false => Ok(Begun {
+                    false => Ok(OpenAuditEntry {
                         id: entry.to_string(),
                         event: Box::new(Told::new(EventKind::Write, Severity::Info, "write")),
                     }),

@@ -11,10 +11,10 @@ use tokio::sync::oneshot;
 use tokio::time::Instant;
 
 /// Exclusive access to a line. Its port is closed, and its points become stale with the reason
-/// `lent`, until [`Loan::end`], or until this is dropped: whatever happens to the holder, the line
-/// comes back.
+/// `lent`, until [`ExclusiveHold::end`], or until this is dropped: whatever happens to the holder,
+/// the line comes back.
 #[derive(Debug)]
-pub struct Loan {
+pub struct ExclusiveHold {
     service: Service,
     line: String,
     id: LoanId,
@@ -45,16 +45,16 @@ impl Drop for Lending<'_> {
 }
 
 impl Service {
-    /// Closes the port of a line and leaves it to the caller, until [`Loan::until`]. Pulses and
-    /// leases of its outputs end before that, since nobody could end them meanwhile; commands
-    /// under way get a second to end.
+    /// Closes the port of a line and leaves it to the caller, until [`ExclusiveHold::until`].
+    /// Pulses and leases of its outputs end before that, since nobody could end them meanwhile;
+    /// commands under way get a second to end.
     ///
     /// # Errors
     /// [`CommandError::RoleTooLow`], [`CommandError::Limited`]; [`CommandError::NoSuchLine`];
     /// [`CommandError::Lent`] while another caller has it; [`CommandError::Due`] where an output
     /// must be switched off soon, which nobody could do meanwhile; [`Fault::Overloaded`] where too
     /// many wait for lines; [`Fault::Closed`] when the site ends.
-    pub async fn lend(&self, line: &str) -> Result<Loan, CommandError> {
+    pub async fn lend(&self, line: &str) -> Result<ExclusiveHold, CommandError> {
         self.who.rights.may_change_site()?;
         let (end, lent) = oneshot::channel();
         let (name, granted) = (line.to_owned(), Arc::default());
@@ -80,8 +80,8 @@ impl Service {
         Ok(self.loan(line, lent))
     }
 
-    fn loan(&self, line: &str, lent: Exclusive) -> Loan {
-        Loan {
+    fn loan(&self, line: &str, lent: Exclusive) -> ExclusiveHold {
+        ExclusiveHold {
             service: self.clone(),
             line: line.to_owned(),
             id: lent.loan,
@@ -91,7 +91,7 @@ impl Service {
     }
 }
 
-impl Loan {
+impl ExclusiveHold {
     /// Resolves when it is over: the holder has to finish and release the line.
     #[must_use]
     pub const fn until(&self) -> Instant {
@@ -117,7 +117,7 @@ impl Loan {
     }
 }
 
-impl Drop for Loan {
+impl Drop for ExclusiveHold {
     fn drop(&mut self) {
         if self.is_over {
             return;
