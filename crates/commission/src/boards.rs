@@ -1,7 +1,7 @@
 //! Switches all 0x55 boards of a line on or off at once, and reads back each known board (choice
 //! 34).
 
-use super::desk::{Desk, Reply};
+use super::context::{ProcedureContext, Reply};
 use super::{Procedure, ProcedureError};
 use railbus_device::{Bank, Module, Observation, Op, Setup};
 use railbus_wire::{Exchange, Micros, r55};
@@ -22,27 +22,32 @@ pub fn all_boards(
     boards: Vec<Setup>,
     on: bool,
 ) -> Procedure<Result<Vec<BoardState>, ProcedureError>> {
-    Procedure::new(move |desk| async move {
+    Procedure::new(move |context| async move {
         let Some(first) = boards.first() else {
             return Ok(Vec::new());
         };
         let word = if on { u32::MAX } else { 0 };
         let all = r55::Exchange::new(r55::BROADCAST, r55::Request::SetAll(word)).without_reply();
         if let Some(all) = all {
-            desk.exchange(first, Exchange::R55(all), Micros::ZERO)
+            context
+                .exchange(first, Exchange::R55(all), Micros::ZERO)
                 .await?;
         }
         let mut states = Vec::new();
         for board in &boards {
-            states.push(read_back(&desk, board, on).await?);
+            states.push(read_back(&context, board, on).await?);
         }
         Ok(states)
     })
 }
 
-async fn read_back(desk: &Desk, board: &Setup, on: bool) -> Result<BoardState, ProcedureError> {
+async fn read_back(
+    context: &ProcedureContext,
+    board: &Setup,
+    on: bool,
+) -> Result<BoardState, ProcedureError> {
     let module = Module::new(*board).map_err(super::NotWritable::Setup)?;
-    let outputs = match desk.read(&module, &Op::ReadOutputs).await? {
+    let outputs = match context.read(&module, &Op::ReadOutputs).await? {
         Reply::Said(Observation::Channels { outputs, .. }) => Some(outputs),
         _ => None,
     };

@@ -1,9 +1,9 @@
 //! Calibration of analog inputs and factory reset, step by step.
 
 use super::change::{carry_all, untold};
-use super::desk::{Desk, Reply};
+use super::context::{ProcedureContext, Reply};
+use super::identify::{find, first_alone};
 use super::place::{BusAddress, Found, Kept};
-use super::sight::{find, first_alone};
 use super::stages::{WriteStep, applied, stages};
 use super::{
     Ended, Job, JournalRecord, NotWritable, Procedure, ProcedureError, Progress, Question,
@@ -27,12 +27,12 @@ pub struct Calibrated {
     /// The readings after the span step, if it was done.
     pub span: Option<[u16; 2]>,
     /// Why it stopped early, if it did.
-    pub hindered: Option<Hindrance>,
+    pub hindered: Option<Blocker>,
 }
 
 /// Why a calibration stopped early.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Hindrance {
+pub enum Blocker {
     /// The user stopped it.
     Stopped,
     /// The module refused.
@@ -47,9 +47,9 @@ pub enum Hindrance {
 /// hundredths, at all of them. The user may stop it before either step.
 #[must_use]
 pub fn calibrate(job: Job, voltage: u16) -> Procedure<Result<Calibrated, ProcedureError>> {
-    Procedure::new(move |desk| async move {
+    Procedure::new(move |context| async move {
         let place = BusAddress::of(&job.setup);
-        let found = first_calibrated(&desk, &job, place).await?;
+        let found = first_calibrated(&context, &job, place).await?;
         let mut done = Calibrated {
             before: found.analogs,
             zero: None,
@@ -57,12 +57,12 @@ pub fn calibrate(job: Job, voltage: u16) -> Procedure<Result<Calibrated, Procedu
             hindered: None,
         };
         let ready = Question::ZeroReady(found.analogs.unwrap_or_default());
-        if !desk.confirm(ready).await {
-            done.hindered = Some(Hindrance::Stopped);
+        if !context.confirm(ready).await {
+            done.hindered = Some(Blocker::Stopped);
             return Ok(done);
         }
         let mut step = Steps {
-            desk: &desk,
+            context: &context,
             job: &job,
             found,
             step: 0,
@@ -78,8 +78,11 @@ pub fn calibrate(job: Job, voltage: u16) -> Procedure<Result<Calibrated, Procedu
         }
         let now = step.read().await?.ok_or(ProcedureError::NoReply(place))?;
         let readings = now.analogs.unwrap_or_default();
-        if !desk.confirm(Question::SpanReady(voltage, readings)).await {
-            done.hindered = Some(Hindrance::Stopped);
+        if !context
+            .confirm(Question::SpanReady(voltage, readings))
+            .await
+        {
+            done.hindered = Some(Blocker::Stopped);
             return Ok(done);
         }
         let kept = step.found.kept();
@@ -89,11 +92,11 @@ pub fn calibrate(job: Job, voltage: u16) -> Procedure<Result<Calibrated, Procedu
         };
         let first = stages(&job.setup, place, &kept, &wanted)?;
         if !first.is_empty() {
-            match carry_all(&desk, &job, step.found, &first).await? {
+            match carry_all(&context, &job, step.found, &first).await? {
                 Ended::Done(now) => step.found = now,
                 _ => {
                     return Ok(Calibrated {
-                        hindered: Some(Hindrance::Voltage),
+                        hindered: Some(Blocker::Voltage),
                         ..done
                     });
                 }
@@ -111,15 +114,15 @@ pub fn calibrate(job: Job, voltage: u16) -> Procedure<Result<Calibrated, Procedu
 /// [EMD-2A2Q §5.8].
 #[must_use]
 pub fn restore_factory(job: Job) -> Procedure<Result<Ended, ProcedureError>> {
-    Procedure::new(move |desk| async move {
+    Procedure::new(move |context| async move {
         let place = BusAddress::of(&job.setup);
-        let found = first_calibrated(&desk, &job, place).await?;
+        let found = first_calibrated(&context, &job, place).await?;
         let before = found.kept();
         let after = applied(&job.setup, SettingWrite::Restore, before);
         let to = BusAddress::of(&Setup::factory(job.setup.family));
         if to != place {
             let serials = [to.serial];
-            vacant::check(&desk, &job.setup, to.address, &serials, &job.neighbours).await?;
+            vacant::check(&context, &job.setup, to.address, &serials, &job.neighbours).await?;
         }
         let stage = WriteStep {
             change: SettingWrite::Restore,
@@ -128,27 +131,27 @@ pub fn restore_factory(job: Job) -> Procedure<Result<Ended, ProcedureError>> {
             after,
             to,
         };
-        carry_all(&desk, &job, found, &[stage]).await
+        carry_all(&context, &job, found, &[stage]).await
     })
 }
 
 /// The first look at a module that can be calibrated: only such a one can be reset, too.
 async fn first_calibrated(
-    desk: &Desk,
+    context: &ProcedureContext,
     job: &Job,
     place: BusAddress,
 ) -> Result<Found, ProcedureError> {
     if !job.setup.family.datasheet().is_calibrated() {
         return Err(NotWritable::NoCommand.into());
     }
-    desk.tell(Progress::Reading(place)).await;
-    first_alone(desk, &job.setup, place).await
+    context.tell(Progress::Reading(place)).await;
+    first_alone(context, &job.setup, place).await
 }
 
 /// The steps of a calibration, each of them journaled.
-struct Steps<'d> {
-    desk: &'d Desk,
-    job: &'d Job,
+struct Steps<'c> {
+    context: &'c ProcedureContext,
+    job: &'c Job,
     found: Found,
     step: u8,
 }
@@ -158,26 +161,26 @@ impl Steps<'_> {
     async fn carry(
         &mut self,
         change: SettingWrite,
-    ) -> Result<Result<Found, Hindrance>, ProcedureError> {
+    ) -> Result<Result<Found, Blocker>, ProcedureError> {
         self.step += 1;
         let here = self.found.place.setup(&self.job.setup);
         let module = Module::new(here).map_err(NotWritable::Setup)?;
         let op = Op::Configure(change);
         let intent = self.record(&module, change);
-        self.desk.journal(intent.clone()).await?;
-        self.desk.tell(Progress::Calibrating).await;
-        let reply = self.desk.op(&module, &op).await?;
+        self.context.journal(intent.clone()).await?;
+        self.context.tell(Progress::Calibrating).await;
+        let reply = self.context.op(&module, &op).await?;
         if let Reply::Said(Observation::Refused(refusal)) = reply {
-            self.desk
+            self.context
                 .journal(intent.ended(RecordState::Unchanged, Some(&self.found)))
                 .await?;
-            return Ok(Err(Hindrance::Refused(refusal)));
+            return Ok(Err(Blocker::Refused(refusal)));
         }
         let acknowledged = matches!(reply, Reply::Said(Observation::Done));
-        let end = self.desk.now() + PATIENCE;
+        let end = self.context.now() + PATIENCE;
         let mut seen = false;
-        while self.desk.now() < end {
-            self.desk.wait(LOOK_AGAIN).await;
+        while self.context.now() < end {
+            self.context.wait(LOOK_AGAIN).await;
             let Some(found) = self.read().await? else {
                 continue;
             };
@@ -191,23 +194,25 @@ impl Steps<'_> {
                 } else {
                     RecordState::Untold
                 };
-                self.desk.journal(intent.ended(state, Some(&found))).await?;
+                self.context
+                    .journal(intent.ended(state, Some(&found)))
+                    .await?;
                 return Ok(if known {
                     Ok(found)
                 } else {
-                    Err(Hindrance::NotFinished)
+                    Err(Blocker::NotFinished)
                 });
             }
         }
-        self.desk
+        self.context
             .journal(intent.ended(RecordState::Untold, Some(&self.found)))
             .await?;
-        Ok(Err(Hindrance::NotFinished))
+        Ok(Err(Blocker::NotFinished))
     }
 
     async fn read(&self) -> Result<Option<Found>, ProcedureError> {
         let places = [self.found.place];
-        Ok(find(self.desk, &self.job.setup, &places, 3).await?.0)
+        Ok(find(self.context, &self.job.setup, &places, 3).await?.0)
     }
 
     fn record(&self, module: &Module, change: SettingWrite) -> JournalRecord {

@@ -1,8 +1,8 @@
 //! Changes settings of one module: read, check, write, look for it, read back, or roll back.
 
-use super::desk::{Desk, Reply};
+use super::context::{ProcedureContext, Reply};
+use super::identify::{find, first_alone};
 use super::place::{BusAddress, Found, Kept};
-use super::sight::{find, first_alone};
 use super::stages::{WriteStep, stages};
 use super::{
     ChangeOrigin, JournalRecord, NotWritable, Procedure, ProcedureError, Progress, RecordState,
@@ -142,24 +142,24 @@ pub enum WriteFailure {
 /// A procedure that changes settings of a module.
 #[must_use]
 pub fn change(job: Job) -> Procedure<Result<Ended, ProcedureError>> {
-    Procedure::new(move |desk| async move {
+    Procedure::new(move |context| async move {
         let place = BusAddress::of(&job.setup);
-        desk.tell(Progress::Reading(place)).await;
-        let found = first_alone(&desk, &job.setup, place).await?;
+        context.tell(Progress::Reading(place)).await;
+        let found = first_alone(&context, &job.setup, place).await?;
         let known = found.kept();
         let wanted = job.wanted.over(&known).ok_or(NotWritable::NotReadable)?;
         let stages = stages(&job.setup, place, &known, &wanted)?;
         let Some(last) = stages.last() else {
             return Ok(Ended::Same(found));
         };
-        check_vacancy(&desk, &job, place, last.to).await?;
-        carry_all(&desk, &job, found, &stages).await
+        check_vacancy(&context, &job, place, last.to).await?;
+        carry_all(&context, &job, found, &stages).await
     })
 }
 
 /// Checks that nothing else answers wherever the module will be on the way.
 async fn check_vacancy(
-    desk: &Desk,
+    context: &ProcedureContext,
     job: &Job,
     from: BusAddress,
     to: BusAddress,
@@ -169,18 +169,18 @@ async fn check_vacancy(
     serials.dedup();
     // At its own address and speed, the module itself answers.
     serials.retain(|serial| moves || *serial != from.serial);
-    vacant::check(desk, &job.setup, to.address, &serials, &job.neighbours).await
+    vacant::check(context, &job.setup, to.address, &serials, &job.neighbours).await
 }
 
 /// Carries out one stage after the other; if one fails, those done are rolled back.
 pub(crate) async fn carry_all(
-    desk: &Desk,
+    context: &ProcedureContext,
     job: &Job,
     before: Found,
     stages: &[WriteStep],
 ) -> Result<Ended, ProcedureError> {
     let mut writer = Writer {
-        desk,
+        context,
         job,
         steps: stages.len() as u8,
         step: 0,
@@ -188,7 +188,7 @@ pub(crate) async fn carry_all(
     };
     let mut found = before;
     for stage in stages {
-        if desk.stopped() && writer.step == 0 {
+        if context.stopped() && writer.step == 0 {
             return Err(ProcedureError::Stopped);
         }
         match writer.carry(stage, job.by).await? {
@@ -219,9 +219,9 @@ enum StageEnd {
 }
 
 /// Carries out stages, and journals each.
-struct Writer<'d> {
-    desk: &'d Desk,
-    job: &'d Job,
+struct Writer<'c> {
+    context: &'c ProcedureContext,
+    job: &'c Job,
     step: u8,
     steps: u8,
     /// Where the module was, or was moved to, before.
@@ -238,8 +238,8 @@ impl Writer<'_> {
         self.step += 1;
         self.steps = self.steps.max(self.step);
         let intent = self.record(stage, by, RecordState::Intent);
-        self.desk.journal(intent.clone()).await?;
-        self.desk
+        self.context.journal(intent.clone()).await?;
+        self.context
             .tell(Progress::Writing(self.step, self.steps))
             .await;
         let sheet = self.job.setup.family.datasheet();
@@ -256,7 +256,7 @@ impl Writer<'_> {
             StageEnd::Elsewhere(found, _) => (RecordState::Elsewhere, Some(found)),
             StageEnd::Lost(_) => (RecordState::Lost, None),
         };
-        self.desk.journal(intent.ended(state, found)).await?;
+        self.context.journal(intent.ended(state, found)).await?;
         self.places.extend([stage.from, stage.to]);
         Ok(end)
     }
@@ -300,10 +300,10 @@ impl Writer<'_> {
         let op = Op::Configure(stage.change);
         let mut end = StageEnd::Lost(false);
         for _ in 0..WRITES {
-            let reply = self.desk.op(&module, &op).await?;
-            self.desk.wait(SETTLE).await;
+            let reply = self.context.op(&module, &op).await?;
+            self.context.wait(SETTLE).await;
             let places = candidates(stage.to, stage.from, &self.places);
-            let (found, garbled) = find(self.desk, &self.job.setup, &places, 3).await?;
+            let (found, garbled) = find(self.context, &self.job.setup, &places, 3).await?;
             end = match found {
                 Some(found) => judge(stage, &reply, found),
                 None => StageEnd::Lost(garbled),
@@ -324,35 +324,38 @@ impl Writer<'_> {
     async fn write_board(&self, stage: &WriteStep) -> Result<StageEnd, ProcedureError> {
         let board = Module::new(stage.from.setup(&self.job.setup)).map_err(NotWritable::Setup)?;
         let there = Module::new(stage.to.setup(&self.job.setup)).map_err(NotWritable::Setup)?;
-        let desk = self.desk;
-        let end = desk.now() + POWER_CYCLE;
+        let context = self.context;
+        let end = context.now() + POWER_CYCLE;
         let mut why = WriteFailure::NoPowerCycle;
         let mut acknowledged = false;
-        while desk.now() < end {
-            if desk.stopped() {
+        while context.now() < end {
+            if context.stopped() {
                 why = WriteFailure::Stopped;
                 break;
             }
-            let attempt = desk.now();
-            desk.tell(Progress::PowerCycle(
-                end.since(attempt).0.div_ceil(1_000_000),
-            ))
-            .await;
+            let attempt = context.now();
+            context
+                .tell(Progress::PowerCycle(
+                    end.since(attempt).0.div_ceil(1_000_000),
+                ))
+                .await;
             // The same frame is repeated: which one is answered does not matter.
-            desk.forget_ghosts();
+            context.forget_ghosts();
             let write = Op::Configure(stage.change);
-            let reply = desk.op_within(&board, &write, BOARD_TIMEOUT).await?;
+            let reply = context.op_within(&board, &write, BOARD_TIMEOUT).await?;
             acknowledged |= matches!(reply, Reply::Said(Observation::Done));
-            let state = desk
+            let state = context
                 .op_within(&there, &Op::ReadOutputs, BOARD_TIMEOUT)
                 .await?;
             if acknowledged || matches!(state, Reply::Said(Observation::Channels { .. })) {
                 break;
             }
-            let spent = desk.now().since(attempt);
-            desk.wait(Micros(ATTEMPT.0.saturating_sub(spent.0))).await;
+            let spent = context.now().since(attempt);
+            context
+                .wait(Micros(ATTEMPT.0.saturating_sub(spent.0)))
+                .await;
         }
-        let (found, garbled) = find(desk, &self.job.setup, &[stage.to, stage.from], 3).await?;
+        let (found, garbled) = find(context, &self.job.setup, &[stage.to, stage.from], 3).await?;
         Ok(match found {
             Some(found) if found.place == stage.to => StageEnd::Done(found),
             Some(found) if acknowledged => StageEnd::Pending(found),

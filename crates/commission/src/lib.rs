@@ -14,8 +14,8 @@
 //!   word means: `settings`. What is written down before and after: `journal`. Where a module
 //!   answers: `place`.
 //! - Calibration, and a module's own reset: `calibrate`. All boards of a line at once: `boards`.
-//! - A further procedure is a file beside these; how it talks to its driver: `desk`. The one driver
-//!   is `railbus_app::settings`.
+//! - A further procedure is a file beside these; how it talks to its driver: `context`. The one
+//!   driver is `railbus_app::settings`.
 //! - Frames typed by hand: `frame`, and what they may do: `risk`.
 
 #![forbid(unsafe_code)]
@@ -25,30 +25,30 @@
 mod boards;
 mod calibrate;
 mod change;
-mod desk;
+mod context;
 mod frame;
+mod identify;
 mod journal;
 mod place;
 mod recover;
 mod risk;
 pub mod scan;
 pub mod settings;
-mod sight;
 mod stages;
 mod vacant;
 
 pub use boards::{BoardState, all_boards};
-pub use calibrate::{Calibrated, Hindrance, calibrate, restore_factory};
+pub use calibrate::{Blocker, Calibrated, calibrate, restore_factory};
 pub use change::{Ended, Job, Neighbour, WriteFailure, change};
-pub use desk::{
+pub use context::{
     DriverAction, Event, Procedure, ProcedureError, ProcedureStep, Progress, Question, RxBytes,
     TimedExchange,
 };
 pub use frame::{read_request, request};
+pub use identify::{IdentifyResult, read};
 pub use journal::{ChangeOrigin, JournalRecord, Log, RECORDS_MAX, RecordState, Spot};
 pub use place::{BusAddress, Found, Kept, PulseSetup};
 pub use recover::{Recovered, Search, look_up, recover};
 pub use risk::{Risk, is_answered};
-pub use sight::{Sight, read};
 pub use stages::{NotWritable, WriteStep, stages};
 pub use vacant::{Taken, vacant};

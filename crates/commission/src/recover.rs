@@ -1,11 +1,13 @@
 //! Finds a module whose change was interrupted, or that is not where it should be. It only reads.
 
 use super::change::{candidates, evidence};
-use super::desk::Desk;
+use super::context::ProcedureContext;
+use super::identify::{LookPurpose, find, look};
 use super::place::{BusAddress, Found, Kept};
-use super::sight::{Look, find, look};
 use super::stages::WriteStep;
-use super::{ChangeOrigin, JournalRecord, Procedure, ProcedureError, Progress, RecordState, Sight};
+use super::{
+    ChangeOrigin, IdentifyResult, JournalRecord, Procedure, ProcedureError, Progress, RecordState,
+};
 use crate::settings::Wanted;
 use railbus_device::{SettingWrite, Setup};
 use railbus_wire::{Address, Protocol, SerialSettings};
@@ -51,7 +53,7 @@ pub fn recover(
     outwards: bool,
     others: Vec<BusAddress>,
 ) -> Procedure<Result<Recovered, ProcedureError>> {
-    Procedure::new(move |desk| async move {
+    Procedure::new(move |context| async move {
         let (Some(from), Some(to)) = (intent.from.place(), intent.to.place()) else {
             return Err(ProcedureError::Journal(false));
         };
@@ -62,7 +64,7 @@ pub fn recover(
             outwards,
             others,
         };
-        let (found, garbled) = seek(&desk, &search).await?;
+        let (found, garbled) = seek(&context, &search).await?;
         let untold =
             matches!(intent.by, ChangeOrigin::Calibrate | ChangeOrigin::Factory) && from == to;
         let recovered = match found {
@@ -82,7 +84,7 @@ pub fn recover(
             by: ChangeOrigin::Recover,
             ..intent.ended(state, found)
         };
-        desk.journal(ended).await?;
+        context.journal(ended).await?;
         Ok(recovered)
     })
 }
@@ -90,7 +92,7 @@ pub fn recover(
 /// A procedure that looks for a module.
 #[must_use]
 pub fn look_up(search: Search) -> Procedure<Result<(Option<Found>, bool), ProcedureError>> {
-    Procedure::new(move |desk| async move { seek(&desk, &search).await })
+    Procedure::new(move |context| async move { seek(&context, &search).await })
 }
 
 /// The step as recorded in the journal: which values are the old ones, and which the new.
@@ -176,9 +178,12 @@ fn settles(stage: &WriteStep, kept: &Kept, found: &Found) -> bool {
 }
 
 /// The likeliest places, then outwards.
-async fn seek(desk: &Desk, search: &Search) -> Result<(Option<Found>, bool), ProcedureError> {
+async fn seek(
+    context: &ProcedureContext,
+    search: &Search,
+) -> Result<(Option<Found>, bool), ProcedureError> {
     let near: Vec<BusAddress> = of_this(search, search.first.clone());
-    let (found, mut garbled) = find(desk, &search.setup, &near, 3).await?;
+    let (found, mut garbled) = find(context, &search.setup, &near, 3).await?;
     // Two modules are where it should be: there is no need to search further.
     if found.is_some() || garbled || !search.outwards {
         return Ok((found, garbled));
@@ -187,14 +192,14 @@ async fn seek(desk: &Desk, search: &Search) -> Result<(Option<Found>, bool), Pro
         if near.contains(&place) {
             continue;
         }
-        if desk.stopped() {
+        if context.stopped() {
             return Err(ProcedureError::Stopped);
         }
-        desk.tell(Progress::Looking(place)).await;
-        match look(desk, &search.setup, place, Look::Again).await? {
-            Sight::Clear(found) => return Ok((Some(found), garbled)),
-            Sight::Garbled => garbled = true,
-            Sight::Wrong(_) | Sight::Silent => {}
+        context.tell(Progress::Looking(place)).await;
+        match look(context, &search.setup, place, LookPurpose::Again).await? {
+            IdentifyResult::Clear(found) => return Ok((Some(found), garbled)),
+            IdentifyResult::Garbled => garbled = true,
+            IdentifyResult::Wrong(_) | IdentifyResult::Silent => {}
         }
     }
     Ok((None, garbled))

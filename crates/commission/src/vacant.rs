@@ -1,6 +1,6 @@
 //! Checks that nothing answers at an address before a module is moved there.
 
-use super::desk::{Desk, carried};
+use super::context::{ProcedureContext, carried};
 use super::{BusAddress, Neighbour, ProcedureError, Progress};
 use railbus_bus::LATE_MIN;
 use railbus_device::Setup;
@@ -32,7 +32,7 @@ pub struct Taken {
 /// Refuses an address at which something answers, in any protocol, with any of these settings. A
 /// known neighbour that speaks another protocol does not matter: it is where it should be.
 pub(crate) async fn check(
-    desk: &Desk,
+    context: &ProcedureContext,
     setup: &Setup,
     address: Address,
     serials: &[SerialSettings],
@@ -56,7 +56,7 @@ pub(crate) async fn check(
             serial: *serial,
             checksum: false,
         };
-        desk.tell(Progress::Vacancy(place)).await;
+        context.tell(Progress::Vacancy(place)).await;
         let mut first = true;
         for exchange in probes(address, setup.protocol) {
             let known = neighbours.iter().find(|neighbour| {
@@ -78,8 +78,8 @@ pub(crate) async fn check(
                 &[PATIENCE]
             };
             for patience in waits {
-                let heard = desk.exchange(&there, exchange, *patience).await?;
-                let late = !std::mem::take(&mut first) && desk.heard_late();
+                let heard = context.exchange(&there, exchange, *patience).await?;
+                let late = !std::mem::take(&mut first) && context.heard_late();
                 if late || !heard.is_empty() {
                     return Err(ProcedureError::Taken(Taken {
                         place,
@@ -120,7 +120,7 @@ pub fn vacant(
     address: Address,
     neighbours: Vec<Neighbour>,
 ) -> super::Procedure<Result<(), ProcedureError>> {
-    super::Procedure::new(move |desk| async move {
-        check(&desk, &setup, address, &[setup.serial], &neighbours).await
+    super::Procedure::new(move |context| async move {
+        check(&context, &setup, address, &[setup.serial], &neighbours).await
     })
 }

@@ -6,7 +6,7 @@ use crate::api::config_words;
 use crate::failure::Failure;
 use crate::render::wire_words;
 use railbus_commission::settings::{Key, Wrong, range};
-use railbus_commission::{BusAddress, Ended, Hindrance, NotWritable, ProcedureError, WriteFailure};
+use railbus_commission::{Blocker, BusAddress, Ended, NotWritable, ProcedureError, WriteFailure};
 use railbus_device::{Refusal, SetupError};
 use railbus_words::Code;
 use railbus_words::Lang;
@@ -198,16 +198,16 @@ pub fn wrong(lang: Lang, target: &Target, wrong: &Wrong) -> Failure {
 }
 
 /// Why a calibration stopped early.
-pub fn hindered(lang: Lang, target: &Target, why: Hindrance) -> Failure {
+pub fn hindered(lang: Lang, target: &Target, why: Blocker) -> Failure {
     let of = |code: Code| Failure::of(lang, code).with_fact("module", target.name.as_str());
     match why {
-        Hindrance::Stopped => of(Code::NotConfirmed),
-        Hindrance::Refused(Refusal::Exception(exception)) => {
+        Blocker::Stopped => of(Code::NotConfirmed),
+        Blocker::Refused(Refusal::Exception(exception)) => {
             of(Code::SettingRefused).because(wire_words::exception(lang, exception))
         }
-        Hindrance::Refused(_) => of(Code::SettingRefused),
-        Hindrance::NotFinished => of(Code::NotCalibrated),
-        Hindrance::Voltage => of(Code::NotCalibrated).because(Key::CalibrationVoltage),
+        Blocker::Refused(_) => of(Code::SettingRefused),
+        Blocker::NotFinished => of(Code::NotCalibrated),
+        Blocker::Voltage => of(Code::NotCalibrated).because(Key::CalibrationVoltage),
     }
 }
 

@@ -11,7 +11,7 @@ use railbus_app::failure::Failure;
 use railbus_app::settings::outcome::{self, hindered};
 use railbus_app::settings::target::Target;
 use railbus_commission::settings::{Key, Wanted};
-use railbus_commission::{Calibrated, ChangeOrigin, Hindrance, Job, ProcedureError, calibrate};
+use railbus_commission::{Blocker, Calibrated, ChangeOrigin, Job, ProcedureError, calibrate};
 use railbus_store::audit::End;
 use railbus_words::Code;
 
@@ -94,13 +94,13 @@ fn audited(end: &Result<Calibrated, ProcedureError>, has_written: bool) -> End {
         Ok(done) => match done.hindered {
             None => End::Reply,
             // The zero may have been stored, and only the span refused.
-            Some(Hindrance::Refused(_)) => End::Failed {
+            Some(Blocker::Refused(_)) => End::Failed {
                 name: "refused",
                 may_have_acted: done.zero.is_some(),
             },
-            Some(Hindrance::Stopped) if done.zero.is_some() => End::Reply,
-            Some(Hindrance::Stopped) => NOT_TRIED,
-            Some(Hindrance::NotFinished | Hindrance::Voltage) => End::unsure("unknown"),
+            Some(Blocker::Stopped) if done.zero.is_some() => End::Reply,
+            Some(Blocker::Stopped) => NOT_TRIED,
+            Some(Blocker::NotFinished | Blocker::Voltage) => End::unsure("unknown"),
         },
         Err(_) if has_written => End::unsure("unknown"),
         Err(_) => NOT_TRIED,
@@ -159,7 +159,7 @@ impl Work {
         });
         match done.hindered {
             None => Ok(()),
-            Some(Hindrance::Stopped) => Err(Failure::of(lang, Code::Interrupted).to_problem()),
+            Some(Blocker::Stopped) => Err(Failure::of(lang, Code::Interrupted).to_problem()),
             Some(why) => Err(hindered(lang, &self.target, why).to_problem()),
         }
     }

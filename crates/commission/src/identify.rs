@@ -1,7 +1,7 @@
 //! Looks for a module at a place: is it there, is it the expected model, and which settings has it
 //! stored?
 
-use super::desk::{Desk, Reply};
+use super::context::{ProcedureContext, Reply};
 use super::{BusAddress, Found, Kept, Procedure, ProcedureError, Progress, PulseSetup};
 use railbus_device::{Holds, Module, Observation, Op, PulseTiming, Recognition, Setup};
 use railbus_wire::rtu::{self, Request, WordSpan};
@@ -9,7 +9,7 @@ use railbus_wire::{Address, Decoded, Exchange, REPLY_TIMEOUT, Response, Words};
 
 /// What was found at a place.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Sight {
+pub enum IdentifyResult {
     /// The module.
     Clear(Found),
     /// Another model: what it says it is, if it says so.
@@ -22,20 +22,20 @@ pub enum Sight {
 
 /// The purpose of a look.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Look {
+pub(crate) enum LookPurpose {
     /// Before a write: is it the expected model?
     First,
     /// After a write: where is it, and which settings has it?
     Again,
 }
 
-impl Look {
+impl LookPurpose {
     /// Number of attempts for a module that may be there. A repeated look covers several places,
     /// and comes back to each.
     const fn times(self) -> usize {
         match self {
-            Look::First => 3,
-            Look::Again => 1,
+            LookPurpose::First => 3,
+            LookPurpose::Again => 1,
         }
     }
 }
@@ -43,39 +43,39 @@ impl Look {
 /// A procedure that reads everything a module reports, or says why it can't be read.
 #[must_use]
 pub fn read(setup: Setup) -> Procedure<Result<Found, ProcedureError>> {
-    Procedure::new(move |desk| async move {
+    Procedure::new(move |context| async move {
         let place = BusAddress::of(&setup);
-        desk.tell(Progress::Reading(place)).await;
-        first(&desk, &setup, place).await
+        context.tell(Progress::Reading(place)).await;
+        first(&context, &setup, place).await
     })
 }
 
 /// The first look: whether the module is at its place, and is the expected model.
 pub(crate) async fn first(
-    desk: &Desk,
+    context: &ProcedureContext,
     setup: &Setup,
     place: BusAddress,
 ) -> Result<Found, ProcedureError> {
-    match look(desk, setup, place, Look::First).await? {
-        Sight::Clear(_) if desk.heard_twice() => Err(ProcedureError::Garbled(place)),
-        Sight::Clear(found) => Ok(found),
-        Sight::Wrong(told) => Err(ProcedureError::WrongModel(place, told)),
-        Sight::Garbled => Err(ProcedureError::Garbled(place)),
-        Sight::Silent => Err(ProcedureError::NoReply(place)),
+    match look(context, setup, place, LookPurpose::First).await? {
+        IdentifyResult::Clear(_) if context.heard_twice() => Err(ProcedureError::Garbled(place)),
+        IdentifyResult::Clear(found) => Ok(found),
+        IdentifyResult::Wrong(told) => Err(ProcedureError::WrongModel(place, told)),
+        IdentifyResult::Garbled => Err(ProcedureError::Garbled(place)),
+        IdentifyResult::Silent => Err(ProcedureError::NoReply(place)),
     }
 }
 
 /// The first look before a write: whether nothing else answers there, not even later.
 pub(crate) async fn first_alone(
-    desk: &Desk,
+    context: &ProcedureContext,
     setup: &Setup,
     place: BusAddress,
 ) -> Result<Found, ProcedureError> {
-    let found = first(desk, setup, place).await?;
+    let found = first(context, setup, place).await?;
     let module = Module::new(place.setup(setup)).map_err(super::NotWritable::Setup)?;
-    desk.linger();
-    match desk.op(&module, &Op::ReadOutputs).await? {
-        _ if desk.heard_twice() => Err(ProcedureError::Garbled(place)),
+    context.linger();
+    match context.op(&module, &Op::ReadOutputs).await? {
+        _ if context.heard_twice() => Err(ProcedureError::Garbled(place)),
         Reply::Garbled => Err(ProcedureError::Garbled(place)),
         Reply::Said(_) | Reply::Silent => Ok(found),
     }
@@ -83,28 +83,30 @@ pub(crate) async fn first_alone(
 
 /// Looks at a place.
 pub(crate) async fn look(
-    desk: &Desk,
+    context: &ProcedureContext,
     setup: &Setup,
     place: BusAddress,
-    look: Look,
-) -> Result<Sight, ProcedureError> {
+    look: LookPurpose,
+) -> Result<IdentifyResult, ProcedureError> {
     let here = place.setup(setup);
     let Ok(module) = Module::new(here) else {
-        return Ok(Sight::Silent);
+        return Ok(IdentifyResult::Silent);
     };
     match here.family.datasheet().recognition.of(here.protocol) {
-        Recognition::ByName => by_name(desk, &module, place, look).await,
-        Recognition::ByRegisters => by_registers(desk, &here, place, look).await,
-        Recognition::ByBehaviour => by_behaviour(desk, &module, place, look).await,
+        Recognition::ByName => by_name(context, &module, place, look).await,
+        Recognition::ByRegisters => by_registers(context, &here, place, look).await,
+        Recognition::ByBehaviour => by_behaviour(context, &module, place, look).await,
     }
 }
 
 /// What a reply to a first read shows.
-fn sighted(reply: Reply, found: impl FnOnce(Observation) -> Option<Found>) -> Sight {
+fn sighted(reply: Reply, found: impl FnOnce(Observation) -> Option<Found>) -> IdentifyResult {
     match reply {
-        Reply::Silent => Sight::Silent,
-        Reply::Garbled => Sight::Garbled,
-        Reply::Said(seen) => found(seen).map_or(Sight::Wrong(name(&seen)), Sight::Clear),
+        Reply::Silent => IdentifyResult::Silent,
+        Reply::Garbled => IdentifyResult::Garbled,
+        Reply::Said(seen) => {
+            found(seen).map_or(IdentifyResult::Wrong(name(&seen)), IdentifyResult::Clear)
+        }
     }
 }
 
@@ -119,19 +121,19 @@ fn name(seen: &Observation) -> Option<String> {
 
 /// It identifies itself.
 async fn by_name(
-    desk: &Desk,
+    context: &ProcedureContext,
     module: &Module,
     place: BusAddress,
-    look: Look,
-) -> Result<Sight, ProcedureError> {
-    if look == Look::First {
-        match desk.read(module, &Op::Identify).await? {
+    look: LookPurpose,
+) -> Result<IdentifyResult, ProcedureError> {
+    if look == LookPurpose::First {
+        match context.read(module, &Op::Identify).await? {
             Reply::Said(seen) if module.recognises(&seen) && seen != Observation::Unexpected => {}
             other => return Ok(sighted(other, |_| None)),
         }
     }
     let mut found = Found::at(place);
-    match desk
+    match context
         .read_times(module, &Op::ReadConfig, look.times())
         .await?
     {
@@ -154,24 +156,28 @@ async fn by_name(
     let sheet = module.setup().family.datasheet();
     if sheet.pulses == PulseTiming::Stored
         && let Reply::Said(Observation::Pulse { mask, width }) =
-            desk.read(module, &Op::ReadPulse).await?
+            context.read(module, &Op::ReadPulse).await?
     {
         // An older EDA9060 has no pulses and does not answer.
         found.told.pulse = Some(PulseSetup { mask, width });
     }
-    Ok(Sight::Clear(found))
+    Ok(IdentifyResult::Clear(found))
 }
 
 /// Whether the module at that place behaves as its datasheet says in all reads, and refuses what it
 /// must refuse: this tells it from a board that merely supports more. A missing reply is requested
 /// once more, and then proves nothing.
-async fn behaves(desk: &Desk, setup: &Setup, place: BusAddress) -> Result<bool, ProcedureError> {
+async fn behaves(
+    context: &ProcedureContext,
+    setup: &Setup,
+    place: BusAddress,
+) -> Result<bool, ProcedureError> {
     for sign in setup.family.signs() {
         let exchange = Exchange::rtu(place.address, sign.request);
         let mut shown = None;
         // Silence, too, counts only when it is confirmed.
         for _ in 0..2 {
-            let heard = desk.exchange(setup, exchange, REPLY_TIMEOUT).await?;
+            let heard = context.exchange(setup, exchange, REPLY_TIMEOUT).await?;
             let reply = exchange.find_response(&heard).1.whole();
             let reply = reply.as_ref().map(|reply| &reply.response);
             let spoilt = reply.is_none() && !heard.is_empty();
@@ -192,20 +198,20 @@ async fn behaves(desk: &Desk, setup: &Setup, place: BusAddress) -> Result<bool, 
 
 /// It reports its outputs. Its settings may or may not be readable [ERC-8 §2.5, EDA9050 §5.7].
 async fn by_behaviour(
-    desk: &Desk,
+    context: &ProcedureContext,
     module: &Module,
     place: BusAddress,
-    look: Look,
-) -> Result<Sight, ProcedureError> {
-    match desk
+    look: LookPurpose,
+) -> Result<IdentifyResult, ProcedureError> {
+    match context
         .read_times(module, &Op::ReadOutputs, look.times())
         .await?
     {
         Reply::Said(Observation::Channels { .. }) => {}
         other => return Ok(sighted(other, |_| None)),
     }
-    if look == Look::First && !behaves(desk, module.setup(), place).await? {
-        return Ok(Sight::Wrong(None));
+    if look == LookPurpose::First && !behaves(context, module.setup(), place).await? {
+        return Ok(IdentifyResult::Wrong(None));
     }
     let mut found = Found::at(place);
     if module.exchange(&Op::ReadConfig).is_ok()
@@ -214,7 +220,7 @@ async fn by_behaviour(
             baud,
             character,
             ..
-        }) = desk.read(module, &Op::ReadConfig).await?
+        }) = context.read(module, &Op::ReadConfig).await?
     {
         found.told = Kept {
             address,
@@ -223,24 +229,24 @@ async fn by_behaviour(
             ..Kept::default()
         };
     }
-    Ok(Sight::Clear(found))
+    Ok(IdentifyResult::Clear(found))
 }
 
 /// All its registers at once.
 async fn by_registers(
-    desk: &Desk,
+    context: &ProcedureContext,
     setup: &Setup,
     place: BusAddress,
-    look: Look,
-) -> Result<Sight, ProcedureError> {
+    look: LookPurpose,
+) -> Result<IdentifyResult, ProcedureError> {
     let count = u16::try_from(setup.registers().len()).ok();
     let Some(span) = count.and_then(|count| WordSpan::new(0, count)) else {
-        return Ok(Sight::Silent);
+        return Ok(IdentifyResult::Silent);
     };
     let exchange = Exchange::rtu(place.address, Request::ReadHoldingRegisters(span));
-    let mut last = Sight::Silent;
+    let mut last = IdentifyResult::Silent;
     for _ in 0..look.times() {
-        let heard = desk.exchange(setup, exchange, REPLY_TIMEOUT).await?;
+        let heard = context.exchange(setup, exchange, REPLY_TIMEOUT).await?;
         last = match exchange.find_response(&heard).1 {
             Decoded::Whole { value, .. } => {
                 let found = match value.response {
@@ -248,15 +254,15 @@ async fn by_registers(
                     _ => None,
                 };
                 let Some(found) = found else {
-                    return Ok(Sight::Wrong(None));
+                    return Ok(IdentifyResult::Wrong(None));
                 };
-                if look == Look::First && !behaves(desk, setup, place).await? {
-                    return Ok(Sight::Wrong(None));
+                if look == LookPurpose::First && !behaves(context, setup, place).await? {
+                    return Ok(IdentifyResult::Wrong(None));
                 }
-                return Ok(Sight::Clear(found));
+                return Ok(IdentifyResult::Clear(found));
             }
             _ if heard.is_empty() => last,
-            _ => Sight::Garbled,
+            _ => IdentifyResult::Garbled,
         };
     }
     Ok(last)
@@ -285,7 +291,7 @@ fn told_by(setup: &Setup, place: BusAddress, words: &Words<'_>) -> Option<Found>
 /// Looks at several places, one after the other, until the module is found: three rounds, since a
 /// reply may be lost.
 pub(crate) async fn find(
-    desk: &Desk,
+    context: &ProcedureContext,
     setup: &Setup,
     places: &[BusAddress],
     rounds: usize,
@@ -293,11 +299,11 @@ pub(crate) async fn find(
     let mut garbled = false;
     for _ in 0..rounds {
         for place in places {
-            desk.tell(Progress::Looking(*place)).await;
-            match look(desk, setup, *place, Look::Again).await? {
-                Sight::Clear(found) => return Ok((Some(found), garbled)),
-                Sight::Garbled => garbled = true,
-                Sight::Wrong(_) | Sight::Silent => {}
+            context.tell(Progress::Looking(*place)).await;
+            match look(context, setup, *place, LookPurpose::Again).await? {
+                IdentifyResult::Clear(found) => return Ok((Some(found), garbled)),
+                IdentifyResult::Garbled => garbled = true,
+                IdentifyResult::Wrong(_) | IdentifyResult::Silent => {}
             }
         }
     }

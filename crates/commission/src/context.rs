@@ -156,7 +156,7 @@ pub enum ProcedureStep<T> {
 /// A running procedure.
 pub struct Procedure<T> {
     future: Pin<Box<dyn Future<Output = T> + Send>>,
-    desk: Desk,
+    context: ProcedureContext,
 }
 
 impl<T> fmt::Debug for Procedure<T> {
@@ -167,14 +167,14 @@ impl<T> fmt::Debug for Procedure<T> {
 
 impl<T> Procedure<T> {
     /// A procedure that has not started.
-    pub(crate) fn new<F>(body: impl FnOnce(Desk) -> F) -> Procedure<T>
+    pub(crate) fn new<F>(body: impl FnOnce(ProcedureContext) -> F) -> Procedure<T>
     where
         F: Future<Output = T> + Send + 'static,
     {
-        let desk = Desk::default();
+        let context = ProcedureContext::default();
         Procedure {
-            future: Box::pin(body(desk.clone())),
-            desk,
+            future: Box::pin(body(context.clone())),
+            context,
         }
     }
 
@@ -182,7 +182,7 @@ impl<T> Procedure<T> {
     /// event is [`Event::Begin`].
     pub fn next(&mut self, now: Instant, event: Event) -> ProcedureStep<T> {
         {
-            let mut paper = self.desk.lock();
+            let mut paper = self.context.lock();
             paper.now = now;
             paper.event = (!matches!(event, Event::Begin)).then_some(event);
         }
@@ -191,7 +191,7 @@ impl<T> Procedure<T> {
             Poll::Ready(end) => ProcedureStep::Done(end),
             // A procedure that waits without an action would wait for ever: let time pass.
             Poll::Pending => ProcedureStep::Do(
-                self.desk
+                self.context
                     .lock()
                     .act
                     .take()
@@ -202,16 +202,16 @@ impl<T> Procedure<T> {
 
     /// Stops it at the next point where that is safe.
     pub fn stop(&self) {
-        self.desk.lock().stopped = true;
+        self.context.lock().stopped = true;
     }
 }
 
 /// The state shared by a procedure and its driver.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Desk(Arc<Mutex<Paper>>);
+pub(crate) struct ProcedureContext(Arc<Mutex<Mailbox>>);
 
 #[derive(Debug, Default)]
-struct Paper {
+struct Mailbox {
     now: Instant,
     act: Option<DriverAction>,
     event: Option<Event>,
@@ -245,8 +245,8 @@ pub(crate) enum Reply {
     Garbled,
 }
 
-impl Desk {
-    fn lock(&self) -> MutexGuard<'_, Paper> {
+impl ProcedureContext {
+    fn lock(&self) -> MutexGuard<'_, Mailbox> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -457,9 +457,9 @@ mod tests {
 
     #[test]
     fn a_procedure_hands_out_its_acts_one_by_one() {
-        let mut procedure = Procedure::new(|desk| async move {
-            desk.wait(Micros(5)).await;
-            desk.confirm(Question::ZeroReady([0; 2])).await
+        let mut procedure = Procedure::new(|context| async move {
+            context.wait(Micros(5)).await;
+            context.confirm(Question::ZeroReady([0; 2])).await
         });
         let now = Instant(0);
         let ProcedureStep::Do(DriverAction::Wait(Micros(5))) = procedure.next(now, Event::Begin)
