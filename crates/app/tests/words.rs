@@ -5,7 +5,7 @@ use railbus_api::words::{ChangeState, EventKindWord, ScanVerdict, SettingAccess,
 use railbus_commission::RecordState;
 use railbus_commission::scan::Verdict;
 use railbus_commission::settings::Access;
-use railbus_store::history::{self, Grade};
+use railbus_store::history::{self, SampleQuality};
 use serde::de::DeserializeOwned;
 
 /// Whether the document has a word.
@@ -53,7 +53,7 @@ fn scans_and_samples() {
     for verdict in every!(Verdict: Ok, CouldBe, Refused, Odd, Garbled) {
         assert!(has::<ScanVerdict>(verdict.name()), "{verdict:?}");
     }
-    for grade in every!(Grade: Good, Stale, Bad) {
+    for grade in every!(SampleQuality: Good, Stale, Bad) {
         assert!(has::<Quality>(grade.name()), "{grade:?}");
     }
 }

@@ -6,7 +6,7 @@
 use railbus_device::{Point, PointKind};
 use railbus_site::{Config, Service, WriteTerms};
 use railbus_store::audit::AuditLog;
-use railbus_store::history::{Grade, History, Keep, Sample};
+use railbus_store::history::{History, Keep, Sample, SampleQuality};
 use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -68,7 +68,7 @@ fn sample(t: i64, number: u64) -> Sample {
     Sample {
         t,
         value: Some((number % 1_000) as f64 / 100.0),
-        grade: Grade::Good,
+        grade: SampleQuality::Good,
     }
 }
 

@@ -4,8 +4,8 @@
 use railbus_site::{Config, Service};
 use railbus_store::audit::Origin;
 use railbus_store::history::{
-    Ack, Chart, Event, EventKind, EventQuery, Grade, History, HistoryError, Keep, Sample, Severity,
-    Spread,
+    Ack, Chart, Event, EventKind, EventQuery, History, HistoryError, Keep, Sample, SampleQuality,
+    Severity, Spread,
 };
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -36,7 +36,7 @@ const fn sample(t: i64, value: f64) -> Sample {
     Sample {
         t,
         value: Some(value),
-        grade: Grade::Good,
+        grade: SampleQuality::Good,
     }
 }
 
@@ -44,7 +44,7 @@ const fn gap(t: i64) -> Sample {
     Sample {
         t,
         value: None,
-        grade: Grade::Bad,
+        grade: SampleQuality::Bad,
     }
 }
 
@@ -115,7 +115,10 @@ async fn what_was_in_force_when_the_program_ended_is_not_any_more() {
     };
     assert_eq!(samples.len(), 2);
     assert_eq!(samples[0], sample(now - 5_000, 1.0));
-    assert_eq!((samples[1].value, samples[1].grade), (None, Grade::Bad));
+    assert_eq!(
+        (samples[1].value, samples[1].grade),
+        (None, SampleQuality::Bad)
+    );
     assert!(
         samples[1].t >= now,
         "it was known as long as the program ran"

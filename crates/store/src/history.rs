@@ -33,7 +33,7 @@ const NOTICES_MAX: usize = 32;
 
 /// The quality of a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Grade {
+pub enum SampleQuality {
     /// It was read.
     Good,
     /// It was read too long ago.
@@ -42,30 +42,30 @@ pub enum Grade {
     Bad,
 }
 
-impl Grade {
+impl SampleQuality {
     /// The name in JSON.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
-            Grade::Good => "good",
-            Grade::Stale => "stale",
-            Grade::Bad => "bad",
+            SampleQuality::Good => "good",
+            SampleQuality::Stale => "stale",
+            SampleQuality::Bad => "bad",
         }
     }
 
     const fn number(self) -> i64 {
         match self {
-            Grade::Good => 0,
-            Grade::Stale => 1,
-            Grade::Bad => 2,
+            SampleQuality::Good => 0,
+            SampleQuality::Stale => 1,
+            SampleQuality::Bad => 2,
         }
     }
 
-    const fn of_number(number: i64) -> Grade {
+    const fn of_number(number: i64) -> SampleQuality {
         match number {
-            0 => Grade::Good,
-            1 => Grade::Stale,
-            _ => Grade::Bad,
+            0 => SampleQuality::Good,
+            1 => SampleQuality::Stale,
+            _ => SampleQuality::Bad,
         }
     }
 }
@@ -78,7 +78,7 @@ pub struct Sample {
     /// The value; 0 and 1 for digital points. `None` if unknown.
     pub value: Option<f64>,
     /// Its quality.
-    pub grade: Grade,
+    pub grade: SampleQuality,
 }
 
 /// A notice from the writer.

@@ -7,7 +7,7 @@ use crate::config::{Place, Rule, When};
 use jiff::tz::TimeZone;
 use railbus_store::history::millis;
 use railbus_store::history::{
-    Event, EventKind, EventQuery, Grade, History, HistoryError, PIECE_MAX, Sample,
+    Event, EventKind, EventQuery, History, HistoryError, PIECE_MAX, Sample, SampleQuality,
 };
 
 /// The maximum number of samples that one run reads.
@@ -72,10 +72,10 @@ async fn of_samples(
 fn fact(place: &Place, sample: &Sample) -> Fact {
     use railbus_device::PointKind::{Input, Output};
     match (sample.grade, sample.value) {
-        (Grade::Good, Some(value)) if matches!(place.point.kind, Input | Output) => {
+        (SampleQuality::Good, Some(value)) if matches!(place.point.kind, Input | Output) => {
             Fact::Is(value != 0.0)
         }
-        (Grade::Good, Some(value)) => Fact::Value(value),
+        (SampleQuality::Good, Some(value)) => Fact::Value(value),
         _ => Fact::Unknown,
     }
 }

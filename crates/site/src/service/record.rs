@@ -8,7 +8,7 @@ use crate::{CommandError, PointQuality, PointValue};
 use railbus_device::Point;
 use railbus_host::{LineState, Presence};
 use railbus_store::audit::{AuditLog, End, Note, Origin};
-use railbus_store::history::{Event, EventKind, Grade, History, Sample, Severity, millis};
+use railbus_store::history::{Event, EventKind, History, Sample, SampleQuality, Severity, millis};
 use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock, Weak};
 use std::time::{Duration, SystemTime};
@@ -178,7 +178,7 @@ impl Inner {
 }
 
 /// A value, where there is one, and how good it is.
-type Graded = (Option<f64>, Grade);
+type Graded = (Option<f64>, SampleQuality);
 
 /// How a point is, and what of that is recorded.
 #[derive(Debug)]
@@ -318,7 +318,7 @@ impl Recorder {
         }
         let t = millis(SystemTime::now());
         for gone in before.into_values().flat_map(BTreeMap::into_values) {
-            let (value, grade) = (None, Grade::Bad);
+            let (value, grade) = (None, SampleQuality::Bad);
             // Where there is no room for it, the last value seems to last.
             let _ = self.history.sample(gone.path, Sample { t, value, grade });
         }
@@ -398,13 +398,13 @@ impl Recorded {
 }
 
 /// What the history takes a point for of which it knows nothing.
-const UNKNOWN: Graded = (None, Grade::Bad);
+const UNKNOWN: Graded = (None, SampleQuality::Bad);
 
 fn graded(status: &PointStatus) -> Graded {
     let value = status.value.map(number);
     match status.quality {
-        PointQuality::Good => (value, Grade::Good),
-        PointQuality::Stale => (value, Grade::Stale),
+        PointQuality::Good => (value, SampleQuality::Good),
+        PointQuality::Stale => (value, SampleQuality::Stale),
         PointQuality::Bad(_) => UNKNOWN,
     }
 }

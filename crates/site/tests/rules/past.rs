@@ -4,7 +4,7 @@ use crate::{rule, site};
 use jiff::tz::TimeZone;
 use railbus_site::rules::{Fact, LISTED_MAX, Replay};
 use railbus_site::{Config, Service};
-use railbus_store::history::{Grade, History, Keep, Sample};
+use railbus_store::history::{History, Keep, Sample, SampleQuality};
 use std::sync::Arc;
 
 const THEN: &str = "then = [{ notify = \"now\" }]";
@@ -88,7 +88,7 @@ async fn a_rule_is_tried_against_what_was_kept() {
         let sample = Sample {
             t: then + n * 1_000,
             value: Some(f64::from(u8::from(n == 0 || n / 15 % 2 == 1))),
-            grade: Grade::Good,
+            grade: SampleQuality::Good,
         };
         while !history.sample(Arc::clone(&path), sample) {
             tokio::task::yield_now().await;

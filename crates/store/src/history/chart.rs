@@ -1,7 +1,7 @@
 //! Reduces many samples to a chart: all of them if there are only a few, otherwise minimum, maximum
 //! and mean of a number of buckets.
 
-use super::{Grade, Sample};
+use super::{Sample, SampleQuality};
 
 /// Maximum number of buckets of a chart.
 pub const BUCKETS_MAX: usize = 4_000;
@@ -26,7 +26,7 @@ pub struct Bucket {
     /// Number of samples in it.
     pub n: u32,
     /// The worst quality in it.
-    pub grade: Grade,
+    pub grade: SampleQuality,
 }
 
 /// The distribution of values.
@@ -60,7 +60,7 @@ struct Cell {
     weighed: f64,
     weight: f64,
     n: u32,
-    grade: Option<Grade>,
+    grade: Option<SampleQuality>,
 }
 
 impl Plotter {
@@ -189,7 +189,7 @@ mod tests {
         Sample {
             t,
             value: Some(value),
-            grade: Grade::Good,
+            grade: SampleQuality::Good,
         }
     }
 
@@ -197,7 +197,7 @@ mod tests {
         Sample {
             t,
             value: None,
-            grade: Grade::Bad,
+            grade: SampleQuality::Bad,
         }
     }
 
@@ -231,9 +231,9 @@ mod tests {
         let spread = |min, max, mean| Some(Spread { min, max, mean });
         assert_eq!(buckets.len(), 2);
         assert_eq!(buckets[0].values, spread(1.0, 3.0, 2.6));
-        assert_eq!((buckets[0].n, buckets[0].grade), (1, Grade::Good));
+        assert_eq!((buckets[0].n, buckets[0].grade), (1, SampleQuality::Good));
         assert_eq!(buckets[1].values, spread(5.0, 5.0, 5.0));
-        assert_eq!((buckets[1].n, buckets[1].grade), (3, Grade::Bad));
+        assert_eq!((buckets[1].n, buckets[1].grade), (3, SampleQuality::Bad));
     }
 
     #[test]

@@ -103,7 +103,7 @@ pub(super) fn open_to_read(folder: &Path) -> rusqlite::Result<Connection> {
 
 /// What an error of the database amounts to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Trouble {
+pub(super) enum DbFault {
     /// The disk is full.
     Full,
     /// The file is not a database, or is broken, or written by a newer program.
@@ -112,11 +112,11 @@ pub(super) enum Trouble {
     Passing,
 }
 
-pub(super) fn trouble(error: &rusqlite::Error) -> Trouble {
+pub(super) fn trouble(error: &rusqlite::Error) -> DbFault {
     match error.sqlite_error_code() {
-        Some(ErrorCode::DiskFull) => Trouble::Full,
-        Some(ErrorCode::DatabaseCorrupt | ErrorCode::NotADatabase) => Trouble::Broken,
-        _ => Trouble::Passing,
+        Some(ErrorCode::DiskFull) => DbFault::Full,
+        Some(ErrorCode::DatabaseCorrupt | ErrorCode::NotADatabase) => DbFault::Broken,
+        _ => DbFault::Passing,
     }
 }
 

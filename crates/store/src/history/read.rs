@@ -2,7 +2,7 @@
 
 use super::chart::Plotter;
 use super::db;
-use super::{Ack, Chart, Counters, Event, EventKind, Grade, History, Sample, Severity};
+use super::{Ack, Chart, Counters, Event, EventKind, History, Sample, SampleQuality, Severity};
 use super::{millis, prune};
 use rusqlite::types::Value;
 use rusqlite::{Connection, OptionalExtension, Row, params, params_from_iter};
@@ -329,7 +329,7 @@ fn sample(row: &Row<'_>) -> rusqlite::Result<Sample> {
     Ok(Sample {
         t: row.get(0)?,
         value: row.get(1)?,
-        grade: Grade::of_number(row.get(2)?),
+        grade: SampleQuality::of_number(row.get(2)?),
     })
 }
 

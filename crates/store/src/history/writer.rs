@@ -1,7 +1,7 @@
 //! The one thread that writes the database.
 
-use super::db::{self, Trouble, trouble};
-use super::{Ack, Counters, Event, EventKind, Grade, HistoryError, Keep, Sample, Severity};
+use super::db::{self, DbFault, trouble};
+use super::{Ack, Counters, Event, EventKind, HistoryError, Keep, Sample, SampleQuality, Severity};
 use super::{millis, prune};
 use rusqlite::{Connection, Transaction, params};
 use std::collections::HashMap;
@@ -148,7 +148,7 @@ impl Writer {
     /// Writes what is queued. What can't be written is dropped: more will come.
     fn commit(&mut self) {
         let written = match self.try_commit() {
-            Err(why) if trouble(&why) == Trouble::Broken => {
+            Err(why) if trouble(&why) == DbFault::Broken => {
                 self.begin_anew(&why);
                 self.try_commit()
             }
@@ -157,7 +157,7 @@ impl Writer {
         let count = self.batch.len() as u64;
         self.batch.clear();
         self.counters.full.store(
-            matches!(&written, Err(why) if trouble(why) == Trouble::Full),
+            matches!(&written, Err(why) if trouble(why) == DbFault::Full),
             Ordering::Relaxed,
         );
         let failed_before = self
@@ -233,7 +233,7 @@ impl Writer {
                  (SELECT t FROM samples WHERE point = id ORDER BY t DESC LIMIT 1) + 1
              ), NULL, ?1 FROM points
              WHERE (SELECT q FROM samples WHERE point = id ORDER BY t DESC LIMIT 1) < ?1",
-            [Grade::Bad.number()],
+            [SampleQuality::Bad.number()],
         )?;
         step.commit()?;
         // Readers reopen it, and the recorder starts anew.
