@@ -5,7 +5,7 @@ pub mod drive;
 pub mod log;
 pub mod outcome;
 pub mod plan;
-pub mod talk;
+pub mod port;
 pub mod target;
 mod texts;
 

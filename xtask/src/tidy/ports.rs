@@ -37,7 +37,7 @@ const ALLOWED: &[(&str, &str)] = &[
         "sends bytes that are no request, which the line's master can't send",
     ),
     (
-        "crates/app/src/settings/talk.rs",
+        "crates/app/src/settings/port.rs",
         "a change of settings follows its module to another speed, and hears who else answers",
     ),
 ];

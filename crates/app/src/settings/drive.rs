@@ -1,7 +1,7 @@
 //! The driver of a settings procedure: sends its requests on a port, lets time pass and keeps its
 //! journal. Progress and questions are its caller's: a terminal, or an operation of the gateway.
 
-use super::talk::Talk;
+use super::port::SettingsPort;
 use jiff::Timestamp;
 use railbus_commission::{
     DriverAction, Event, JournalRecord, Log, Procedure, ProcedureStep, Progress, Question,
@@ -73,7 +73,7 @@ pub enum DriveStep<T> {
 /// A running procedure.
 #[derive(Debug)]
 pub struct Drive<'d, T> {
-    talk: &'d mut Talk,
+    talk: &'d mut SettingsPort,
     journal: &'d mut Journal,
     procedure: Procedure<T>,
     /// The result of the last action.
@@ -83,7 +83,7 @@ pub struct Drive<'d, T> {
 impl<'d, T> Drive<'d, T> {
     /// Drives a procedure that has not started.
     pub const fn new(
-        talk: &'d mut Talk,
+        talk: &'d mut SettingsPort,
         journal: &'d mut Journal,
         procedure: Procedure<T>,
     ) -> Drive<'d, T> {
@@ -142,7 +142,7 @@ impl<'d, T> Drive<'d, T> {
 }
 
 /// Carries out an action that needs no user.
-async fn work(talk: &mut Talk, journal: &mut Journal, act: DriverAction) -> Event {
+async fn work(talk: &mut SettingsPort, journal: &mut Journal, act: DriverAction) -> Event {
     match act {
         DriverAction::Journal(record) => Event::Kept(journal.keep(record).await),
         DriverAction::Ask(ask) => Event::Heard(talk.ask(&ask).await),

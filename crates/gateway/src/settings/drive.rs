@@ -13,7 +13,7 @@ use railbus_app::api::{failures, settings as told};
 use railbus_app::failure::Failure;
 use railbus_app::settings::drive::{Drive, DriveStep, Journal};
 use railbus_app::settings::outcome::{not_followed, placed, store_failure};
-use railbus_app::settings::talk::Talk;
+use railbus_app::settings::port::SettingsPort;
 use railbus_app::settings::target::Target;
 use railbus_commission::{BusAddress, JournalRecord, Procedure, Progress, Question, RecordState};
 use railbus_site::Service;
@@ -74,8 +74,8 @@ pub(super) async fn on_loan<T>(
 }
 
 /// Opens the port of a module's line.
-pub(super) async fn open(target: &Target) -> Result<Talk, Problem> {
-    let talk = Talk::open(&target.port, target.setup.serial).await;
+pub(super) async fn open(target: &Target) -> Result<SettingsPort, Problem> {
+    let talk = SettingsPort::open(&target.port, target.setup.serial).await;
     talk.map_err(|error| {
         Problem::new(codes::LINE_CLOSED)
             .with("line", target.line.as_str())
@@ -113,7 +113,11 @@ impl Run {
     }
 
     /// Runs a procedure to its end, or to where it is safe to stop.
-    pub(super) async fn procedure<T>(&mut self, talk: &mut Talk, procedure: Procedure<T>) -> T {
+    pub(super) async fn procedure<T>(
+        &mut self,
+        talk: &mut SettingsPort,
+        procedure: Procedure<T>,
+    ) -> T {
         let mut drive = Drive::new(talk, &mut self.journal, procedure);
         loop {
             match drive.next(stopped(&self.op, &self.stop)).await {

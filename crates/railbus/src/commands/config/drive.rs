@@ -9,7 +9,7 @@ use crate::commands::stop::Stop;
 use railbus_app::failure::Failure;
 use railbus_app::settings::drive::{Drive, DriveStep, Journal};
 use railbus_app::settings::outcome::placed;
-use railbus_app::settings::talk::Talk;
+use railbus_app::settings::port::SettingsPort;
 use railbus_app::settings::target::Target;
 use railbus_commission::{Procedure, Progress, Question};
 use railbus_host::{EchoMode, LineName, PortError};
@@ -21,7 +21,7 @@ use std::io::{BufRead, IsTerminal, Write};
 /// A line that this command has to itself.
 pub(super) struct Driver<'c> {
     context: &'c Context,
-    talk: Talk,
+    talk: SettingsPort,
     stop: Stop,
     pub(super) journal: Journal,
     /// Confirms every question without asking.
@@ -60,7 +60,7 @@ impl<'c> Driver<'c> {
         if let Some(borrowed) = &borrowed {
             stop.when(borrowed.over());
         }
-        let talk = Talk::open(port, settings).await.map_err(|error| {
+        let talk = SettingsPort::open(port, settings).await.map_err(|error| {
             let failure = port_failure(context, &at, &error);
             match error {
                 PortError::Busy { .. } => failure.because(context.lang.get(ConfigText::Daemon)),

@@ -13,7 +13,7 @@ const BYTES_MAX: usize = 600;
 
 /// An exclusively opened port, and what is known about it.
 #[derive(Debug)]
-pub struct Talk {
+pub struct SettingsPort {
     port: AnyPort,
     started: Moment,
     /// Whether the adapter echoes; `None` while that is not known.
@@ -24,12 +24,15 @@ pub struct Talk {
     has_asked: bool,
 }
 
-impl Talk {
+impl SettingsPort {
     /// Opens a port.
     ///
     /// # Errors
     /// Why it can't be opened.
-    pub async fn open(name: &LineName, settings: SerialSettings) -> Result<Talk, PortError> {
+    pub async fn open(
+        name: &LineName,
+        settings: SerialSettings,
+    ) -> Result<SettingsPort, PortError> {
         let options = SerialOptions {
             settings,
             ..SerialOptions::default()
@@ -41,7 +44,7 @@ impl Talk {
             PortHistory::Abandoned => LATE,
             PortHistory::Rested | PortHistory::Unknown => Duration::ZERO,
         };
-        Ok(Talk {
+        Ok(SettingsPort {
             port,
             started,
             echoes: None,
