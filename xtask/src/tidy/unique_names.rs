@@ -18,30 +18,6 @@ const PROTOCOLS: &str = "crates/wire/src/";
 /// A program: no crate imports from it.
 const BINARY: &str = "crates/railbus/";
 
-/// Names that are still defined more than once, and how often. The list only becomes shorter.
-const KNOWN: &[(&str, usize)] = &[
-    ("Calibration", 2),
-    ("Change", 2),
-    ("Confirmed", 2),
-    ("Engine", 2),
-    ("Events", 2),
-    ("Failure", 2),
-    ("Fault", 2),
-    ("Frame", 2),
-    ("Heard", 2),
-    ("Keeper", 2),
-    ("Kind", 3),
-    ("Line", 2),
-    ("LineConfig", 3),
-    ("ModuleId", 2),
-    ("Past", 2),
-    ("Problem", 2),
-    ("Quality", 2),
-    ("Reason", 2),
-    ("Settings", 2),
-    ("Value", 2),
-];
-
 /// Where a public type is defined.
 struct Definition<'a> {
     path: &'a str,
@@ -49,15 +25,8 @@ struct Definition<'a> {
 }
 
 pub(super) fn check(tree: &Tree, report: &mut Report) {
-    check_names(tree, report, KNOWN);
-}
-
-fn check_names(tree: &Tree, report: &mut Report, known: &[(&str, usize)]) {
-    let names = definitions(tree);
-    for (name, definitions) in &names {
-        let known = known.iter().find(|(known, _)| known == name);
-        let allowed = known.map_or(1, |(_, count)| *count);
-        if definitions.len() <= allowed {
+    for (name, definitions) in &definitions(tree) {
+        if definitions.len() == 1 {
             continue;
         }
         for definition in definitions {
@@ -70,17 +39,6 @@ fn check_names(tree: &Tree, report: &mut Report, known: &[(&str, usize)]) {
                 definition.line,
                 format!("`{name}` is also defined in {}", others.join(", ")),
                 "name it after what only this one is",
-            );
-        }
-    }
-    for (name, count) in known {
-        let found = names.get(*name).map_or(0, Vec::len);
-        if found < *count {
-            report.add(
-                "xtask/src/tidy/unique_names.rs",
-                1,
-                format!("KNOWN allows {count} types called `{name}`, there are {found}"),
-                "lower the number, or take the line out where one is left",
             );
         }
     }
@@ -127,21 +85,19 @@ fn types(source: &Source<'_>) -> Vec<(usize, String)> {
 mod tests {
     use super::*;
 
-    /// A duplicate name, one with more definitions than known, and one that is known as a duplicate
-    /// and no longer is.
+    /// Names that two crates have, and one that three have.
     #[test]
     fn fixture() {
-        let known = [("Place", 2), ("Known", 2), ("Gone", 2)];
-        let check = |tree: &Tree, report: &mut Report| check_names(tree, report, &known);
         assert_eq!(
             crate::tidy::found("unique-names", check),
             [
+                "crates/bus/src/lib.rs:5",
+                "crates/host/src/lib.rs:2",
                 "crates/bus/src/lib.rs:3",
                 "crates/host/src/lib.rs:3",
                 "crates/bus/src/lib.rs:6",
                 "crates/host/src/lib.rs:6",
                 "crates/site/src/lib.rs:2",
-                "xtask/src/tidy/unique_names.rs:1",
             ]
         );
     }
