@@ -8,7 +8,7 @@ use crate::table::{Table, median};
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 
 /// The most user instructions that one exchange of the whole line master may cost.
-pub const INSTRUCTIONS_MAX: u64 = 3_630;
+pub const INSTRUCTIONS_MAX: u64 = 3_350;
 /// The most microseconds that it may add to the floor, at the median.
 pub const ADDED_MAX: f64 = 3.0;
 
