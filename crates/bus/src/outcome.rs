@@ -116,8 +116,9 @@ impl Bus {
                     return None;
                 }
             }
-            // A reply that may be another model's does not count: it has to report its model first.
-            if to_be_read || is_unknown {
+            // A reply that may be another model's does not count, not even to an earlier one of
+            // several frames: the module has to report its model first.
+            if to_be_read || command.unidentified {
                 command.stage = Stage::ReadBack(0);
                 return None;
             }
