@@ -13,8 +13,10 @@
 //! # Where things are
 //! What is sent next, after how much silence: `schedule` (how much a family needs: its `Profile`).
 //! Commands, with their deadline in the queue: `command`, [`Terms`]. What came of a request:
-//! `outcome`, `event`. Late replies: `ghost`, `fence`. Modules that do not answer, health, model:
-//! `silent`, `module_state`, `identity`. Bytes, echoes: `rx_buffer`.
+//! `outcome`, `event`. Requests whose replies may come late: `ghost`, for the time that their
+//! module may take (`LATE_MIN` in `module_state`); how they are ruled out sooner: `fence`. Modules
+//! that do not answer: `silent`; health and learned times: `module_state`; their model: `identity`.
+//! Bytes, echoes: `rx_buffer`.
 
 #![no_std]
 #![forbid(unsafe_code)]

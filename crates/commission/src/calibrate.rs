@@ -2,7 +2,7 @@
 
 use super::change::{carry_all, untold};
 use super::context::{ProcedureContext, Reply};
-use super::identify::{find, first_alone};
+use super::locate::{find, first_alone};
 use super::place::{BusAddress, Found, Kept};
 use super::stages::{WriteStep, applied, stages};
 use super::{

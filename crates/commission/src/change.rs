@@ -1,7 +1,7 @@
 //! Changes settings of one module: read, check, write, look for it, read back, or roll back.
 
 use super::context::{ProcedureContext, Reply};
-use super::identify::{find, first_alone};
+use super::locate::{find, first_alone};
 use super::place::{BusAddress, Found, Kept};
 use super::stages::{WriteStep, stages};
 use super::{

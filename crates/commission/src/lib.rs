@@ -6,13 +6,14 @@
 //! simulated one. Nothing is written to a module before it is in the journal.
 //!
 //! # Where things are
-//! - Finding modules: `scan`: speeds, addresses and their order in `scope`, what to send next in
-//!   `planner`, what replies prove in `identify`, by the signs of the datasheets; `likely` retries
-//!   an empty scan. Nothing here reads a configuration: what it says comes in with the `scope`.
-//! - A change of settings, step by step: `change`, in the order of `stages`, looking with `sight`,
-//!   after `vacant` has checked the new place; after an interruption `recover`. What a settings
-//!   word means: `settings`. What is written down before and after: `journal`. Where a module
-//!   answers: `place`.
+//! - Finding modules: the folder `scan`. Speeds, addresses and their order: `scan/scope`; what to
+//!   send next, and how much of it: `scan/planner`; what replies prove, by the signs of the
+//!   datasheets: `scan/identify`; a second look where nothing was found: `scan/likely`. Nothing
+//!   here reads a configuration: what it says comes in with the scope.
+//! - A change of settings, step by step: `change`, in the order of `stages`, finding the module
+//!   again with `locate`, after `vacant` has checked the new place; after an interruption
+//!   `recover`. What a settings word means: `settings`. What is written down before and after:
+//!   `journal`. Where a module answers: `place`.
 //! - Calibration, and a module's own reset: `calibrate`. All boards of a line at once: `boards`.
 //! - A further procedure is a file beside these; how it talks to its driver: `context`. The one
 //!   driver is `railbus_app::settings`.
@@ -27,8 +28,8 @@ mod calibrate;
 mod change;
 mod context;
 mod frame;
-mod identify;
 mod journal;
+mod locate;
 mod place;
 mod recover;
 mod risk;
@@ -45,8 +46,8 @@ pub use context::{
     TimedExchange,
 };
 pub use frame::{read_request, request};
-pub use identify::{IdentifyResult, read};
 pub use journal::{ChangeOrigin, JournalRecord, Log, RECORDS_MAX, RecordState, Spot};
+pub use locate::{LocateResult, read};
 pub use place::{BusAddress, Found, Kept, PulseSetup};
 pub use recover::{Recovered, Search, look_up, recover};
 pub use risk::{Risk, is_answered};

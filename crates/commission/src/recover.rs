@@ -2,11 +2,11 @@
 
 use super::change::{candidates, evidence};
 use super::context::ProcedureContext;
-use super::identify::{LookPurpose, find, look};
+use super::locate::{LocatePurpose, find, look};
 use super::place::{BusAddress, Found, Kept};
 use super::stages::WriteStep;
 use super::{
-    ChangeOrigin, IdentifyResult, JournalRecord, Procedure, ProcedureError, Progress, RecordState,
+    ChangeOrigin, JournalRecord, LocateResult, Procedure, ProcedureError, Progress, RecordState,
 };
 use crate::settings::Wanted;
 use railbus_device::{SettingWrite, Setup};
@@ -196,10 +196,10 @@ async fn seek(
             return Err(ProcedureError::Stopped);
         }
         context.tell(Progress::Looking(place)).await;
-        match look(context, &search.setup, place, LookPurpose::Again).await? {
-            IdentifyResult::Clear(found) => return Ok((Some(found), garbled)),
-            IdentifyResult::Garbled => garbled = true,
-            IdentifyResult::Wrong(_) | IdentifyResult::Silent => {}
+        match look(context, &search.setup, place, LocatePurpose::Again).await? {
+            LocateResult::Clear(found) => return Ok((Some(found), garbled)),
+            LocateResult::Garbled => garbled = true,
+            LocateResult::Wrong(_) | LocateResult::Silent => {}
         }
     }
     Ok((None, garbled))

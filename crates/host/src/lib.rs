@@ -24,8 +24,8 @@
 //! ```
 //!
 //! # Where things are
-//! - A kind of port: `serial`, `tcp`, `mbtcp`, behind `port`. Losing and reopening it: `task`,
-//!   `backoff`.
+//! - A kind of port: `serial`, `tcp`, `mbtcp`, behind `port`. Losing and reopening it: `task`;
+//!   how often that is tried, for every kind of port: `backoff`.
 //! - What a caller can ask of a line: `line`; what waits for its result: `pending`. Watching its
 //!   bytes: `tap`.
 

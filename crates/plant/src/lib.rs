@@ -5,8 +5,8 @@
 //!   `orders`; where orders come from: `prompt`, `remote`; what is answered: `answers`.
 //! - What they do to a line and its modules: `stage`, `active_faults`; what can befall a module at
 //!   all is in `railbus_sim`.
-//! - A line driven by the real clock: `serve`, over `pty` or `tcp`. What survives a restart:
-//!   `keep`.
+//! - A line driven by the real clock: `serve`, over `pty` or `tcp`. What simulated
+//!   modules keep over a restart: `keep`.
 
 #![forbid(unsafe_code)]
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::expect_used, clippy::panic))]

@@ -9,8 +9,9 @@
 //!
 //! # Where things are
 //! - How a healthy module answers, and when, is `railbus_device`'s; here is what befalls it.
-//! - Who hears what, and collisions: `line`, `talk`. A module on it and what can befall it
-//!   ([`Act`]): `slot`. Faults by chance: `faults`. The modules of the demo: `demo`.
+//! - Who hears what, and collisions: `line`, `talk`. A module on it, and every fault that
+//!   can be ordered, such as a stuck relay ([`Act`]): `slot`. What only disturbs bytes, by chance:
+//!   `faults`. The modules of the demo: `demo`.
 //!
 //! ```
 //! use railbus_sim::{Input, VirtualLine, VirtualLineConfig, Output};

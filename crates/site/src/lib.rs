@@ -7,13 +7,17 @@
 //!
 //! # Where things are
 //! - What happens between a command and its end, and everything that depends on time (turns,
-//!   interlocks, pulses, leases, limits, policies, scenes, lines that are lent, reloads, staleness,
+//!   interlocks, pulses, leases, policies, scenes, lines that are lent, reloads, staleness,
 //!   the stream of changes): `core`, a state machine without I/O, one file for each. Whether a
-//!   command is refused is decided there, in the file of its subject: limits that callers meet
-//!   (`LEASE_MIN`, `PULSE_MAX`) stand in it. How long a command may wait it says itself
-//!   ([`Within`]); the line gets the same deadline with it, as [`railbus_bus::Terms`].
+//!   command is refused is decided there, in the file of its subject: the shortest and longest
+//!   times that callers may ask for (`LEASE_MIN`, `PULSE_MAX`) stand in it; interlocks and
+//!   `min_off` in `core/guard`. How long a command may wait it says itself ([`Within`]); the line
+//!   gets the same deadline with it, as [`railbus_bus::Terms`].
 //! - What drives it, and what callers see of it (one file for orders, status, followers, reloads,
-//!   loans, raw frames, running rules): `service`.
+//!   lines held exclusively, raw frames, running rules): `service`.
+//! - What holds over a restart: ends of pulses, leases, longest times and pauses (`min_off`) as
+//!   promises in `core/promises`, their file in `service/promise_file`; commands under an
+//!   `Idempotency-Key`, and what is said of one that a crash interrupted, in `service/once`.
 //! - Who may command what: `rights`. Why something failed: `failure`. Values and their quality:
 //!   `points`.
 //! - Keys of `railbus.toml`, with their checks and the edits that keep comments: `config`.

@@ -3,8 +3,10 @@
 //! command is in it.
 //!
 //! # Where things are
-//! - Samples, charts, events, and how long they are kept: `history`. Who did what and how it ended:
-//!   `audit` (when a new file begins: `audit/files`; hashes: `audit/chain`).
+//! - Samples and events: `history`. They are written by its thread (`history/writer`), which also
+//!   deletes what is too old or too much (`history/prune`); charts: `history/chart`.
+//! - Who did what and how it ended: `audit` (when a new file begins: `audit/files`; hashes:
+//!   `audit/chain`).
 //! - What must be whole after a loss of power: `durable`; the file of the journal of changed
 //!   settings, whose records are `railbus_commission`'s: `journal`.
 

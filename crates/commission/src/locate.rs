@@ -9,7 +9,7 @@ use railbus_wire::{Address, Decoded, Exchange, REPLY_TIMEOUT, Response, Words};
 
 /// What was found at a place.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum IdentifyResult {
+pub enum LocateResult {
     /// The module.
     Clear(Found),
     /// Another model: what it says it is, if it says so.
@@ -22,20 +22,20 @@ pub enum IdentifyResult {
 
 /// The purpose of a look.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum LookPurpose {
+pub(crate) enum LocatePurpose {
     /// Before a write: is it the expected model?
     First,
     /// After a write: where is it, and which settings has it?
     Again,
 }
 
-impl LookPurpose {
+impl LocatePurpose {
     /// Number of attempts for a module that may be there. A repeated look covers several places,
     /// and comes back to each.
     const fn times(self) -> usize {
         match self {
-            LookPurpose::First => 3,
-            LookPurpose::Again => 1,
+            LocatePurpose::First => 3,
+            LocatePurpose::Again => 1,
         }
     }
 }
@@ -56,12 +56,12 @@ pub(crate) async fn first(
     setup: &Setup,
     place: BusAddress,
 ) -> Result<Found, ProcedureError> {
-    match look(context, setup, place, LookPurpose::First).await? {
-        IdentifyResult::Clear(_) if context.heard_twice() => Err(ProcedureError::Garbled(place)),
-        IdentifyResult::Clear(found) => Ok(found),
-        IdentifyResult::Wrong(told) => Err(ProcedureError::WrongModel(place, told)),
-        IdentifyResult::Garbled => Err(ProcedureError::Garbled(place)),
-        IdentifyResult::Silent => Err(ProcedureError::NoReply(place)),
+    match look(context, setup, place, LocatePurpose::First).await? {
+        LocateResult::Clear(_) if context.heard_twice() => Err(ProcedureError::Garbled(place)),
+        LocateResult::Clear(found) => Ok(found),
+        LocateResult::Wrong(told) => Err(ProcedureError::WrongModel(place, told)),
+        LocateResult::Garbled => Err(ProcedureError::Garbled(place)),
+        LocateResult::Silent => Err(ProcedureError::NoReply(place)),
     }
 }
 
@@ -86,11 +86,11 @@ pub(crate) async fn look(
     context: &ProcedureContext,
     setup: &Setup,
     place: BusAddress,
-    look: LookPurpose,
-) -> Result<IdentifyResult, ProcedureError> {
+    look: LocatePurpose,
+) -> Result<LocateResult, ProcedureError> {
     let here = place.setup(setup);
     let Ok(module) = Module::new(here) else {
-        return Ok(IdentifyResult::Silent);
+        return Ok(LocateResult::Silent);
     };
     match here.family.datasheet().recognition.of(here.protocol) {
         Recognition::ByName => by_name(context, &module, place, look).await,
@@ -100,12 +100,12 @@ pub(crate) async fn look(
 }
 
 /// What a reply to a first read shows.
-fn sighted(reply: Reply, found: impl FnOnce(Observation) -> Option<Found>) -> IdentifyResult {
+fn sighted(reply: Reply, found: impl FnOnce(Observation) -> Option<Found>) -> LocateResult {
     match reply {
-        Reply::Silent => IdentifyResult::Silent,
-        Reply::Garbled => IdentifyResult::Garbled,
+        Reply::Silent => LocateResult::Silent,
+        Reply::Garbled => LocateResult::Garbled,
         Reply::Said(seen) => {
-            found(seen).map_or(IdentifyResult::Wrong(name(&seen)), IdentifyResult::Clear)
+            found(seen).map_or(LocateResult::Wrong(name(&seen)), LocateResult::Clear)
         }
     }
 }
@@ -124,9 +124,9 @@ async fn by_name(
     context: &ProcedureContext,
     module: &Module,
     place: BusAddress,
-    look: LookPurpose,
-) -> Result<IdentifyResult, ProcedureError> {
-    if look == LookPurpose::First {
+    look: LocatePurpose,
+) -> Result<LocateResult, ProcedureError> {
+    if look == LocatePurpose::First {
         match context.read(module, &Op::Identify).await? {
             Reply::Said(seen) if module.recognises(&seen) && seen != Observation::Unexpected => {}
             other => return Ok(sighted(other, |_| None)),
@@ -161,7 +161,7 @@ async fn by_name(
         // An older EDA9060 has no pulses and does not answer.
         found.told.pulse = Some(PulseSetup { mask, width });
     }
-    Ok(IdentifyResult::Clear(found))
+    Ok(LocateResult::Clear(found))
 }
 
 /// Whether the module at that place behaves as its datasheet says in all reads, and refuses what it
@@ -201,8 +201,8 @@ async fn by_behaviour(
     context: &ProcedureContext,
     module: &Module,
     place: BusAddress,
-    look: LookPurpose,
-) -> Result<IdentifyResult, ProcedureError> {
+    look: LocatePurpose,
+) -> Result<LocateResult, ProcedureError> {
     match context
         .read_times(module, &Op::ReadOutputs, look.times())
         .await?
@@ -210,8 +210,8 @@ async fn by_behaviour(
         Reply::Said(Observation::Channels { .. }) => {}
         other => return Ok(sighted(other, |_| None)),
     }
-    if look == LookPurpose::First && !behaves(context, module.setup(), place).await? {
-        return Ok(IdentifyResult::Wrong(None));
+    if look == LocatePurpose::First && !behaves(context, module.setup(), place).await? {
+        return Ok(LocateResult::Wrong(None));
     }
     let mut found = Found::at(place);
     if module.exchange(&Op::ReadConfig).is_ok()
@@ -229,7 +229,7 @@ async fn by_behaviour(
             ..Kept::default()
         };
     }
-    Ok(IdentifyResult::Clear(found))
+    Ok(LocateResult::Clear(found))
 }
 
 /// All its registers at once.
@@ -237,14 +237,14 @@ async fn by_registers(
     context: &ProcedureContext,
     setup: &Setup,
     place: BusAddress,
-    look: LookPurpose,
-) -> Result<IdentifyResult, ProcedureError> {
+    look: LocatePurpose,
+) -> Result<LocateResult, ProcedureError> {
     let count = u16::try_from(setup.registers().len()).ok();
     let Some(span) = count.and_then(|count| WordSpan::new(0, count)) else {
-        return Ok(IdentifyResult::Silent);
+        return Ok(LocateResult::Silent);
     };
     let exchange = Exchange::rtu(place.address, Request::ReadHoldingRegisters(span));
-    let mut last = IdentifyResult::Silent;
+    let mut last = LocateResult::Silent;
     for _ in 0..look.times() {
         let heard = context.exchange(setup, exchange, REPLY_TIMEOUT).await?;
         last = match exchange.find_response(&heard).1 {
@@ -254,15 +254,15 @@ async fn by_registers(
                     _ => None,
                 };
                 let Some(found) = found else {
-                    return Ok(IdentifyResult::Wrong(None));
+                    return Ok(LocateResult::Wrong(None));
                 };
-                if look == LookPurpose::First && !behaves(context, setup, place).await? {
-                    return Ok(IdentifyResult::Wrong(None));
+                if look == LocatePurpose::First && !behaves(context, setup, place).await? {
+                    return Ok(LocateResult::Wrong(None));
                 }
-                return Ok(IdentifyResult::Clear(found));
+                return Ok(LocateResult::Clear(found));
             }
             _ if heard.is_empty() => last,
-            _ => IdentifyResult::Garbled,
+            _ => LocateResult::Garbled,
         };
     }
     Ok(last)
@@ -300,10 +300,10 @@ pub(crate) async fn find(
     for _ in 0..rounds {
         for place in places {
             context.tell(Progress::Looking(*place)).await;
-            match look(context, setup, *place, LookPurpose::Again).await? {
-                IdentifyResult::Clear(found) => return Ok((Some(found), garbled)),
-                IdentifyResult::Garbled => garbled = true,
-                IdentifyResult::Wrong(_) | IdentifyResult::Silent => {}
+            match look(context, setup, *place, LocatePurpose::Again).await? {
+                LocateResult::Clear(found) => return Ok((Some(found), garbled)),
+                LocateResult::Garbled => garbled = true,
+                LocateResult::Wrong(_) | LocateResult::Silent => {}
             }
         }
     }
