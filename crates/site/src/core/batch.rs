@@ -353,7 +353,34 @@ impl Context {
         held: &Held,
     ) -> Vec<Result<PartDone, CommandError>> {
         let set: Vec<(Point, bool)> = items.iter().map(|(_, at, on)| (at.point, *on)).collect();
-        let mut ends = self.switch_points(who, module, &set, bound, held).await;
+        let own;
+        let (turn, takes_over): (&Turn, bool) = match held {
+            Held::All(turn) => (turn, false),
+            Held::Each(turn) => (turn, true),
+            // One turn for all tries: a command that came later stays the later one.
+            Held::Not(since) => match self.turn_of_module(since, who, module, &set, bound).await {
+                Ok(turn) => {
+                    own = turn;
+                    (&own, true)
+                }
+                Err(failure) => return failed(&set, &failure),
+            },
+        };
+        let switch = async |set: &[(Point, bool)]| {
+            let done = self.switch_points(who, turn, module, set, bound).await;
+            let done = match done {
+                Ok(done) if takes_over => {
+                    let points: Vec<Point> = set.iter().map(|(point, _)| *point).collect();
+                    self.take_over(module, &points, done).await
+                }
+                done => done,
+            };
+            match done {
+                Ok(done) => parts_of(&done).into_iter().map(Ok).collect(),
+                Err(failure) => failed(set, &failure),
+            }
+        };
+        let mut ends = switch(&set).await;
         let one_must_not = matches!(
             ends.first(),
             Some(Err(
@@ -363,7 +390,7 @@ impl Context {
         if one_must_not && !bound.terms.all_or_nothing && set.len() > 1 {
             ends.clear();
             for one in set {
-                ends.extend(self.switch_points(who, module, &[one], bound, held).await);
+                ends.extend(switch(&[one]).await);
             }
         }
         if let Held::Each(turn) = held {
@@ -372,47 +399,44 @@ impl Context {
         ends
     }
 
-    /// With one command, in the turn that is held already or in one of its own.
-    async fn switch_points(
+    /// The turn with these outputs, for the boards of an earlier configuration.
+    async fn turn_of_module(
         &self,
+        since: &Config,
         who: &Who,
         module: &str,
         set: &[(Point, bool)],
         Bound { terms, expires }: Bound,
-        held: &Held,
-    ) -> Vec<Result<PartDone, CommandError>> {
+    ) -> Result<Turn, CommandError> {
+        let points: Vec<Point> = set.iter().map(|(point, _)| *point).collect();
+        let until = (terms.confirm, expires);
+        let turn = self.turn_to_command(since, who, module, &points, until);
+        let turn = turn.await?;
+        let on = set.iter().filter(|(_, on)| *on).map(|(point, _)| *point);
+        self.with(|state| state.watched(module, on))?;
+        Ok(turn)
+    }
+
+    /// With one command.
+    async fn switch_points(
+        &self,
+        who: &Who,
+        turn: &Turn,
+        module: &str,
+        set: &[(Point, bool)],
+        Bound { terms, expires }: Bound,
+    ) -> Result<WriteDone, CommandError> {
+        // The site may have begun to close since: its own policies take precedence.
+        if self.with(|state| state.schedule.is_stopping) {
+            return Err(Fault::Closed.into());
+        }
         let terms = WriteTerms {
             verify: terms.verify,
             confirm: terms.confirm,
             ..WriteTerms::default()
         };
-        // The site may have begun to close since: its own policies take precedence.
-        let ends = self.with(|state| state.schedule.is_stopping);
-        let done = match held {
-            _ if ends => Err(Fault::Closed.into()),
-            Held::Not(since) => {
-                let terms = (terms, expires);
-                self.write_since(since, who, module, set, terms).await
-            }
-            Held::Each(turn) => {
-                let points: Vec<Point> = set.iter().map(|(point, _)| *point).collect();
-                match self
-                    .write_in_turn(who, turn, module, set, terms, expires)
-                    .await
-                {
-                    Ok(done) => self.take_over(module, &points, done).await,
-                    refused => refused,
-                }
-            }
-            Held::All(turn) => {
-                self.write_in_turn(who, turn, module, set, terms, expires)
-                    .await
-            }
-        };
-        match done {
-            Ok(done) => parts_of(&done).into_iter().map(Ok).collect(),
-            Err(failure) => set.iter().map(|_| Err(failure.clone())).collect(),
-        }
+        self.write_in_turn(who, turn, module, set, terms, expires)
+            .await
     }
 
     /// Undoes what was done, and what may have been.
@@ -559,6 +583,11 @@ fn parts(
         end: end(place, *on),
     });
     parts.collect()
+}
+
+/// The same end for each output of a command.
+fn failed(set: &[(Point, bool)], failure: &CommandError) -> Vec<Result<PartDone, CommandError>> {
+    set.iter().map(|_| Err(failure.clone())).collect()
 }
 
 /// Each output that a command has switched.

@@ -100,11 +100,9 @@ impl Context {
         (terms, expires): (WriteTerms, Micros),
     ) -> Result<WriteDone, CommandError> {
         let points: Vec<Point> = set.iter().map(|(point, _)| *point).collect();
-        self.with(|state| state.may_command(who, module, &points, terms.confirm))?;
-        let turn = self.turn_since(since, places(module, &points), expires);
+        let until = (terms.confirm, expires);
+        let turn = self.turn_to_command(since, who, module, &points, until);
         let turn = turn.await?;
-        // Meanwhile the configuration may have changed, or the site begun to end.
-        self.with(|state| state.may_command(who, module, &points, terms.confirm))?;
         if let Some(wanted) = terms.only_if {
             self.read_all(module, expires).await?;
             let other = self.with(|state| {
@@ -121,6 +119,24 @@ impl Context {
         let done = self.write_in_turn(who, &turn, module, set, terms, expires);
         let done = done.await?;
         self.take_over(module, &points, done).await
+    }
+
+    /// The turn with outputs of one module, for a command that may be given by then: see
+    /// [`Context::turn_since`].
+    pub(super) async fn turn_to_command(
+        &self,
+        since: &Config,
+        who: &Who,
+        module: &str,
+        points: &[Point],
+        (confirm, expires): (bool, Micros),
+    ) -> Result<Turn, CommandError> {
+        self.with(|state| state.may_command(who, module, points, confirm))?;
+        let turn = self.turn_since(since, places(module, points), expires);
+        let turn = turn.await?;
+        // Meanwhile the configuration may have changed, or the site begun to end.
+        self.with(|state| state.may_command(who, module, points, confirm))?;
+        Ok(turn)
     }
 
     /// Writes outputs whose turn it is. What was to be done to them later still is.

@@ -2,7 +2,7 @@
 
 use super::super::turns::WAITING_MAX;
 use super::super::*;
-use super::world::{World, at, k, ms, who_is};
+use super::world::{World, at, bit, k, ms, who_is};
 use railbus_host::Fault;
 use std::sync::Mutex;
 
@@ -148,4 +148,35 @@ fn a_procedure_that_panics_takes_nobody_with_it() {
     world.pass(ms(1_000));
     assert!(broken.get().is_none());
     assert!(later.now().is_ok());
+}
+
+/// A batch of one module of which an interlock refuses one output is tried again output by output,
+/// in the turn that it has: a command that came later is the later one. Found by seed 1212.
+#[test]
+fn a_batch_that_is_tried_in_parts_goes_before_later_commands() {
+    for after in 0..150 {
+        let text = format!("{TEXT}[module.oven.point]\nk2.interlock = [\"oven.k1\"]\n");
+        let mut world = World::new(&text, 1);
+        world.pass(ms(300));
+        let excludes = world.write("li", ("oven", 1), true);
+        world.pass(ms(500));
+        assert!(excludes.now().is_ok());
+        let set = [(at("oven", 2), true), (at("oven", 6), false)];
+        let batch = world.order(move |core| async move {
+            core.batch(&who_is("li"), &set, BatchTerms::default()).await
+        });
+        world.pass(ms(after));
+        let is_later = batch.get().is_none();
+        let later = world.write("wang", ("oven", 6), true);
+        world.pass(ms(2_000));
+        assert!(later.now().is_ok());
+        let ends = batch.now().parts;
+        assert!(matches!(
+            ends[0].end,
+            Err(crate::CommandError::Interlock { .. })
+        ));
+        assert!(ends[1].end.is_ok(), "{after} ms: {:?}", ends[1].end);
+        assert_eq!(world.relays("oven"), bit(1) | bit(6), "{after} ms");
+        assert!(after > 0 || is_later, "none came while the batch went on");
+    }
 }
