@@ -41,6 +41,8 @@ struct Slot {
 
 /// Commands in progress get so long when a line is closed.
 const CLOSING_MAX: Micros = ms(1_000);
+/// A frame whose reply is lost is obeyed so long after it was sent.
+const OBEYED_AFTER: Micros = ms(10);
 
 impl World {
     /// A line is there, and has not looked for its port yet.
@@ -144,22 +146,23 @@ impl World {
         };
         let cut: Vec<_> = self.due.extract_if(.., is_of).collect();
         for ((ends, _), due) in cut {
-            let (at, op, request) = match due {
+            let (at, op, request, may_act) = match due {
                 Due::Ran(request, at, op, end, took) => {
-                    let was_sent = end.is_ok() && ends - took <= self.now;
-                    (at, op, Some((request, was_sent)))
+                    // One whose reply is lost was sent, and may have been obeyed before.
+                    let is_refused = matches!(end, Err(Fault::Closed | Fault::Expired));
+                    let was_sent = !is_refused && ends - took <= self.now;
+                    (at, op, Some((request, was_sent)), was_sent && end.is_ok())
                 }
-                Due::Obeys(at, op) => (at, op, None),
+                Due::Obeys(at, op) => (at, op, None, ends - OBEYED_AFTER <= self.now),
                 _ => continue,
             };
-            if request.is_none_or(|(_, was_sent)| was_sent) && self.dice.one_in(2) {
+            if may_act && self.dice.one_in(2) {
                 self.obey(at, &op);
             }
             if let Some((request, was_sent)) = request {
-                let fault = if was_sent {
-                    Fault::Unknown
-                } else {
-                    Fault::Closed
+                let fault = match was_sent {
+                    true => Fault::Unknown,
+                    false => Fault::Closed,
                 };
                 self.tell(Input::Done(request, Reply::Ran(Err(fault))));
             }
@@ -193,7 +196,7 @@ impl World {
         let acts = matches!(op, Op::Write(_) | Op::Jog { .. });
         if acts && end.is_ok() && self.dice.one_in(self.faults.reply_lost) {
             // It is obeyed all the same.
-            self.add(free - now + ms(10), Due::Obeys(at, op));
+            self.add(free - now + OBEYED_AFTER, Due::Obeys(at, op));
             end = Err(lost);
         }
         let ends = free + ms(took);
