@@ -102,8 +102,10 @@ impl<'a> Bits<'a> {
     #[must_use]
     #[inline]
     pub fn to_mask(&self) -> u32 {
-        let low = self.bytes().iter().take(4).rev();
-        let mask = low.fold(0, |mask, byte| mask << 8 | u32::from(*byte));
+        let mut mask = 0;
+        for byte in self.bytes().iter().take(4).rev() {
+            mask = mask << 8 | u32::from(*byte);
+        }
         if self.count < 32 {
             mask & ((1 << self.count) - 1)
         } else {
