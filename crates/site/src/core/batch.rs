@@ -156,8 +156,9 @@ impl Context {
                     return done;
                 }
                 let places: Vec<Place> = items.iter().map(|item| item.1.clone()).collect();
+                let asked = self.now();
                 let before = self.read_in_turn(&places, bound.expires).await;
-                self.all_or_nothing(who, done, &items, bound, (turn, before))
+                self.all_or_nothing(who, done, &items, bound, (turn, asked, before))
                     .await
             }
             Err(fault) => BatchDone {
@@ -173,13 +174,14 @@ impl Context {
         mut done: BatchDone,
         items: &[Item],
         bound: Bound,
-        (turn, mut before): (Turn, States),
+        (turn, asked, mut before): (Turn, Micros, States),
     ) -> BatchDone {
         let held = Held::All(Arc::new(turn));
         // A pulse of the module's own is over with the first command, and is not begun again: the
-        // output goes where it would have gone.
-        let cut = self.with(|state| state.own_pulses_of(items));
-        before.extend(cut.iter().map(|(place, end)| (place.clone(), *end)));
+        // output goes where it would have gone. One that ended since the outputs were asked for was
+        // read before its end.
+        before.extend(self.with(|state| state.own_pulses_of(items, asked)));
+        let cut = self.with(|state| state.own_pulses_of(items, state.now.site));
         self.switch_in_turn(who, &mut done, items, bound, &held)
             .await;
         if done.has_failed() {
@@ -240,13 +242,14 @@ impl Context {
         self.ask_unknown(&members, bound.expires).await;
         let turn = self.turn_since(since, members.clone(), bound.expires);
         let turn = turn.await?;
+        let asked = self.now();
         let before = self.read_in_turn(&members, bound.expires).await;
         // If nothing is known, any of it may be on.
         let are_off = members.iter().all(|at| before.get(at) == Some(&false));
         let set: Vec<_> = members.into_iter().map(|at| (at, are_off)).collect();
         let (mut done, items) = self.with(|state| state.checked(who, &set, terms));
         if terms.all_or_nothing && !items.is_empty() {
-            let all = self.all_or_nothing(who, done, &items, bound, (turn, before));
+            let all = self.all_or_nothing(who, done, &items, bound, (turn, asked, before));
             return Ok(all.await);
         }
         turn.give_back(|place| !items.iter().any(|item| item.1 == *place));
@@ -539,11 +542,12 @@ impl State {
         self.watched(&place.module, rising)
     }
 
-    /// The pulses of these that their modules are timing now, and the states after them.
-    fn own_pulses_of(&self, items: &[Item]) -> States {
+    /// The pulses of these that their modules time and that end later than this, and the states
+    /// after them.
+    fn own_pulses_of(&self, items: &[Item], than: Micros) -> States {
         let pulses = items.iter().filter_map(|(_, place, _)| {
             let (until, end) = self.own_pulses.get(place)?;
-            (*until > self.now.site).then(|| (place.clone(), *end))
+            (*until > than).then(|| (place.clone(), *end))
         });
         pulses.collect()
     }

@@ -135,6 +135,29 @@ fn an_undone_batch_leaves_no_pulse_of_a_module_without_an_end() {
     }
 }
 
+/// The same where the pulse ends by itself between the reading and the first command: what was read
+/// is over. Found by seed 6715.
+#[test]
+fn an_undone_batch_does_not_bring_back_a_pulse_that_ended_meanwhile() {
+    for after in (700..1_200).step_by(7) {
+        let gate = "[module.gate]\nline = \"main\"\nmodel = \"r55\"\naddress = 4\n";
+        let mut world = site(&format!("{OVEN}{gate}"));
+        world.pass(ms(500));
+        let begun = world.pulse("li", ("gate", 1), pulse(1_000));
+        world.pass(ms(after));
+        assert_eq!(begun.now().unwrap().by, By::Device);
+        world.dead("oven", true);
+        let set = [(at("gate", 1), true), (at("oven", 1), true)];
+        let terms = BatchTerms {
+            all_or_nothing: true,
+            ..BatchTerms::default()
+        };
+        world.order(move |core| async move { core.batch(&who_is("li"), &set, terms).await });
+        world.pass(ms(10_000));
+        assert_eq!(world.relays("gate"), 0, "{after} ms");
+    }
+}
+
 fn toggle(world: &mut World) -> super::world::End<Result<BatchDone, CommandError>> {
     world.order(|core| async move {
         let (who, terms) = (who_is("li"), BatchTerms::default());
