@@ -252,10 +252,7 @@ impl State {
         let mut acts = false;
         loop {
             match engine.poll(now) {
-                Output::Act => {
-                    acts = true;
-                    (rule.last, rule.count) = (Some(now.wall), rule.count + 1);
-                }
+                Output::Act => acts = true,
                 Output::Stop => {
                     self.tell_event(of_rule(id, Severity::Error, "rule_stopped"));
                 }
@@ -283,6 +280,7 @@ impl State {
         }
         self.tell_event(event);
         rule.acting = Some(number);
+        (rule.last, rule.count) = (Some(self.now.moment().wall), rule.count + 1);
         Some(Firing {
             number,
             id: id.to_owned(),

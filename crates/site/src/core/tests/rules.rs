@@ -294,6 +294,7 @@ fn an_act_that_is_in_progress_is_not_begun_again() {
     let told = world.told();
     assert_eq!(told[0].code.as_deref(), Some("rule_failed"));
     assert_eq!(told[0].text.as_deref(), Some("busy"));
+    assert_eq!(world.state().rules_now()[0].count, 1, "it acted once");
     world.pass(ms(4_000));
     assert_eq!(world.codes(), ["night notify"]);
     assert_eq!(world.acted.len(), 1);
