@@ -150,10 +150,10 @@ impl World {
                 Due::Ran(request, at, op, end, took) => {
                     // One whose reply is lost was sent, and may have been obeyed before.
                     let is_refused = matches!(end, Err(Fault::Closed | Fault::Expired));
-                    let was_sent = !is_refused && ends - took <= self.now;
+                    let was_sent = !is_refused && ends - took < self.now;
                     (at, op, Some((request, was_sent)), was_sent && end.is_ok())
                 }
-                Due::Obeys(at, op) => (at, op, None, ends - OBEYED_AFTER <= self.now),
+                Due::Obeys(at, op) => (at, op, None, ends - OBEYED_AFTER < self.now),
                 _ => continue,
             };
             if may_act && self.dice.one_in(2) {
