@@ -88,7 +88,12 @@ impl Context {
         });
         self.closed(&reloaded.opened).await;
         self.closed(&reloaded.closed).await;
-        let changes = self.with(|state| state.take_config(&config, &reloaded, &others));
+        let changes = self.with(|state| {
+            let changes = state.take_config(&config, &reloaded, &others);
+            // Before the disk forgets them: it would not be said after a restart any more.
+            state.tell_dropped_ends();
+            changes
+        });
         let changes = changes.into_iter();
         let changes = changes.map(|(line, change)| self.change_modules(line, change));
         self.all(changes.collect::<Vec<_>>()).await;
@@ -111,10 +116,7 @@ impl Context {
         }
         // What the disk refuses holds as long as the process does.
         let _ = self.keep().await;
-        self.with(|state| {
-            state.publish(Update::Reloaded);
-            state.tell_dropped_ends();
-        });
+        self.with(|state| state.publish(Update::Reloaded));
         Ok(Some(reloaded))
     }
 }

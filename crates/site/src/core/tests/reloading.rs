@@ -309,3 +309,37 @@ fn what_becomes_of_a_line_that_is_lent_is_told() {
         assert_eq!(world.state().left("oven", k(1)), crate::Left::default());
     }
 }
+
+/// The end of a pulse that a reload can't keep, since its board loses its name. Whenever the
+/// process is killed, that is reported, before or after: or the disk has the end still. Found by
+/// seed 8653.
+#[test]
+fn an_end_that_is_dropped_is_told_whenever_the_process_is_killed() {
+    let mut ways = std::collections::BTreeSet::new();
+    for after in (0..3_000).step_by(3) {
+        let mut world = World::new(&one(3, ""), after);
+        world.pass(ms(300));
+        pulse(&mut world);
+        world.dead("oven", true);
+        let text = one(4, "");
+        world.reload(&text, true);
+        world.pass(ms(after));
+        let told = |world: &World| {
+            let codes = world
+                .events
+                .iter()
+                .filter_map(|event| event.code.as_deref());
+            codes.filter(|code| *code == "end_dropped").count()
+        };
+        let before = told(&world);
+        world.kill();
+        let is_kept = world.disk.iter().any(|(key, ..)| key.1 == Why::Pulse);
+        world.become_other(&text);
+        world.start();
+        world.tell_dropped_ends();
+        world.pass(ms(10));
+        assert!(told(&world) > 0 || is_kept, "{after} ms");
+        ways.insert((before > 0, told(&world) > before));
+    }
+    assert!(ways.len() > 1, "before and after: {ways:?}");
+}
