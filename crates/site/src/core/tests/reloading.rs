@@ -315,7 +315,7 @@ fn what_becomes_of_a_line_that_is_lent_is_told() {
 /// seed 8653.
 #[test]
 fn an_end_that_is_dropped_is_told_whenever_the_process_is_killed() {
-    let mut ways = std::collections::BTreeSet::new();
+    let mut ways = BTreeSet::new();
     for after in (0..3_000).step_by(3) {
         let mut world = World::new(&one(3, ""), after);
         world.pass(ms(300));

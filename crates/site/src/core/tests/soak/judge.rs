@@ -148,9 +148,16 @@ impl Soak {
                     if *owner <= at {
                         (*owner, *is_sure) = (at, told != Told::Perhaps);
                         self.expect(&relay, asked, told);
-                    } else if let (Told::Is(state), false) = (told, *is_sure) {
+                    } else if !*is_sure {
                         // What came after it may have done nothing.
-                        let expected = self.expected(&relay).or(state, false);
+                        let expected = self.expected(&relay);
+                        let expected = match (told, asked) {
+                            (Told::Is(state), _) | (Told::Perhaps, Asked::Write(state)) => {
+                                expected.or(state, false)
+                            }
+                            (Told::Perhaps, _) => expected.or(true, false).or(false, false),
+                            _ => expected,
+                        };
                         self.expected.insert(relay, expected);
                     }
                 }
