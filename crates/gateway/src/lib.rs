@@ -11,9 +11,9 @@
 //!   row.
 //! - What is sent as it changes: over a WebSocket `ws` (what can be subscribed to: `ws/topic`),
 //!   over plain HTTP values in `stream` and events in `event_stream`.
-//! - A system that the site is published to (webhooks, …): `northbound`, a folder each and a line
-//!   in `northbound.rs`; its settings are declared and read in its folder, too, and so is how often
-//!   it tries again.
+//! - A system that the site is published to (events over HTTP, …): `northbound`, a folder each and
+//!   a line in `northbound.rs`; its settings are declared and read in its folder, too, and so is
+//!   how often it tries again.
 //! - Requests repeated under an `Idempotency-Key`: the header and its answer in `keys`; what is
 //!   kept of them is the site's. Long operations: `ops`. Exclusive access to a line over HTTP,
 //!   which ends with its connection: `loan`; who may have it and for how long, the site decides.
