@@ -1,7 +1,7 @@
 //! What an outlet gets: the site in its own name and with its own rights, its settings, and where
 //! it reports. And how it runs: on a thread of its own, so that nothing it does holds up another.
 
-use super::kind::{OutletKind, Shape, Work};
+use super::kind::{Field, OutletKind, Shape, Work};
 use super::run::Northbound;
 use super::secrets::Secrets;
 use super::supervisor::{Input, OutletCounts, OutletId, RunId};
@@ -13,6 +13,7 @@ use railbus_site::config::change::Keys;
 use railbus_site::{Events, Rights, Role, Service};
 use railbus_store::audit::Origin;
 use railbus_words::time::rfc3339;
+use serde_json::Value;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Weak};
 use std::time::Duration;
@@ -39,44 +40,39 @@ pub(crate) struct Outlet {
     pub(super) stop: watch::Receiver<bool>,
 }
 
+/// Its settings by their keys, as its fields say.
+#[cfg_attr(
+    not(test),
+    expect(dead_code, reason = "only the kind of the tests has such settings")
+)]
 impl Outlet {
     /// A text among its settings; empty where it is left out.
-    #[cfg_attr(
-        not(test),
-        expect(dead_code, reason = "only the kind of the tests asks")
-    )]
     pub(crate) fn text(&self, key: &str) -> String {
-        let settings = self.settings.borrow();
-        let text = settings.get(key).and_then(|value| value.as_str());
-        text.unwrap_or_default().to_owned()
+        let value = self.setting(key);
+        value.as_str().unwrap_or_default().to_owned()
     }
 
     /// A number among its settings, or what its field says where it is left out.
-    #[cfg_attr(
-        not(test),
-        expect(dead_code, reason = "only the kind of the tests asks")
-    )]
     pub(crate) fn number(&self, key: &str) -> i64 {
-        let settings = self.settings.borrow();
-        let number = settings.get(key).and_then(|value| value.as_i64());
-        let fields = self.kind.fields.iter();
-        let default = || match fields.clone().find(|field| field.key == key)?.shape {
-            Shape::Number(_, _, default) => Some(default),
-            _ => None,
+        let is_it = |field: &&Field| field.key == key;
+        let default = match self.kind.fields.iter().find(is_it).map(|field| field.shape) {
+            Some(Shape::Number(_, _, default)) => default,
+            _ => 0,
         };
-        number.or_else(default).unwrap_or_default()
+        self.setting(key).as_i64().unwrap_or(default)
     }
 
     /// Whether a setting of shape [`Shape::Flag`] is set.
-    #[cfg_attr(
-        not(test),
-        expect(dead_code, reason = "only the kind of the tests asks")
-    )]
     pub(crate) fn flag(&self, key: &str) -> bool {
-        let settings = self.settings.borrow();
-        settings.get(key).and_then(|value| value.as_bool()) == Some(true)
+        self.setting(key) == Value::Bool(true)
     }
 
+    fn setting(&self, key: &str) -> Value {
+        self.settings.borrow().get(key).cloned().unwrap_or_default()
+    }
+}
+
+impl Outlet {
     /// Its secret, as it is now.
     pub(crate) fn secret(&self) -> Option<Arc<Secret>> {
         self.secrets.of(self.kind, &self.name)

@@ -16,7 +16,7 @@ pub(super) static KIND: OutletKind = OutletKind::new(
         Field::new("host", ["Host", "主机"], Shape::Text(256)).required(),
         Field::new("port", ["Port", "端口"], Shape::Number(1, 65_535, 4_000)),
         Field::new("quiet", ["No readings", "不发读数"], Shape::Flag),
-        Field::new("write", ["Outputs", "允许操作的输出"], Shape::Points),
+        Field::new("write", ["May switch", "允许操作的输出"], Shape::Points),
     ],
     |outlet, _| Box::pin(run(outlet)),
     |outlet| Box::pin(async move { connect(&outlet).await.map(|_| "connected".to_owned()) }),
@@ -48,8 +48,9 @@ async fn run(outlet: Outlet) -> Result<(), Problem> {
 }
 
 async fn connect(outlet: &Outlet) -> Result<TcpStream, Problem> {
-    let at = format!("{}:{}", outlet.text("host"), outlet.number("port"));
-    TcpStream::connect(at).await.map_err(lost)
+    let port = u16::try_from(outlet.number("port")).map_err(lost)?;
+    let stream = TcpStream::connect((outlet.text("host"), port)).await;
+    stream.map_err(lost)
 }
 
 /// Carries out `oven.k1 on`, and says how it ended.
