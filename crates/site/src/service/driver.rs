@@ -267,12 +267,13 @@ mod board;
 #[cfg(test)]
 mod tests {
     use super::super::Service;
+    use super::super::entries::tests::hold_up;
     use super::*;
     use crate::config::CLONES;
     use crate::{Config, WriteTerms};
-    use railbus_store::audit::{AuditLog, End, Entry, Origin};
+    use railbus_store::audit::{AuditLog, End};
+    use std::path::PathBuf;
     use std::sync::atomic::Ordering;
-    use std::sync::mpsc;
     use std::time::Duration;
 
     const OVEN: &str = "[module.oven]\nline = \"main\"\nmodel = \"erc8\"\naddress = 3\n";
@@ -310,8 +311,7 @@ mod tests {
         // To the line, and back.
         assert_eq!(cost_of_a_write(&service).await, (1, 2, 0), "without a log");
 
-        let folder = std::env::temp_dir().join(format!("railbus-cost-{}", std::process::id()));
-        let (log, _) = AuditLog::open(&folder).unwrap();
+        let (log, folder) = log_in("cost");
         service.keep_audit(log);
         for _ in 0..3 {
             // To the log, from there to the line, from there to the log, and back.
@@ -328,20 +328,11 @@ mod tests {
         let _ = std::fs::remove_dir_all(folder);
     }
 
-    /// The thread of a log does nothing until this is dropped.
-    fn hold_up(log: &AuditLog) -> mpsc::Sender<()> {
-        let (goes_on, waits) = mpsc::channel::<()>();
-        let entry = Entry {
-            id: String::new(),
-            at: SystemTime::now(),
-            origin: Origin::program("test"),
-            module: String::new(),
-            what: String::new(),
-            end: None,
-        };
-        let then = Box::new(move |_| _ = waits.recv());
-        let _ = log.begin(entry, String::new(), then);
-        goes_on
+    /// A log in a folder of its own.
+    fn log_in(name: &str) -> (AuditLog, PathBuf) {
+        let name = format!("railbus-{name}-{}", std::process::id());
+        let folder = std::env::temp_dir().join(name);
+        (AuditLog::open(&folder).unwrap().0, folder)
     }
 
     /// Who is answered has the end in the log; followers of the events are told no earlier.
@@ -349,9 +340,7 @@ mod tests {
     async fn an_answer_waits_until_the_end_is_written() {
         let (port, _boards) = board::start().await;
         let service = oven(&port, "").await;
-        let name = format!("railbus-answers-{}", std::process::id());
-        let folder = std::env::temp_dir().join(name);
-        let (log, _) = AuditLog::open(&folder).unwrap();
+        let (log, folder) = log_in("answers");
         service.keep_audit(log.clone());
         let work = service.begin_work("oven", "a test".to_owned());
         let work = work.await.unwrap();
@@ -381,9 +370,7 @@ mod tests {
     async fn a_line_that_was_granted_to_a_caller_who_has_gone_comes_back() {
         let (port, _boards) = board::start().await;
         let service = oven(&port, "").await;
-        let name = format!("railbus-grants-{}", std::process::id());
-        let folder = std::env::temp_dir().join(name);
-        let (log, _) = AuditLog::open(&folder).unwrap();
+        let (log, folder) = log_in("grants");
         service.keep_audit(log.clone());
         let pulse = crate::Pulse {
             width: Some(Micros::from_secs(60)),
@@ -425,9 +412,7 @@ mod tests {
     async fn a_log_that_hangs_is_waited_for_in_vain() {
         let (port, _boards) = board::start().await;
         let service = oven(&port, "").await;
-        let name = format!("railbus-hangs-{}", std::process::id());
-        let folder = std::env::temp_dir().join(name);
-        let (log, _) = AuditLog::open(&folder).unwrap();
+        let (log, folder) = log_in("hangs");
         service.keep_audit(log.clone());
         let mut followed = service.follow_events();
         let goes_on = hold_up(&log);

@@ -169,18 +169,15 @@ impl Inner {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use railbus_store::audit::Origin;
     use std::sync::mpsc;
     use std::time::SystemTime;
 
-    /// The log begins to fail between two records: the second is not given up before the first.
-    #[test]
-    fn who_waits_for_a_later_record_gives_up_no_earlier() {
-        let folder = std::env::temp_dir().join(format!("railbus-waits-{}", std::process::id()));
-        let (log, _) = AuditLog::open(&folder).unwrap();
-        let (goes_on, held_up) = mpsc::channel::<()>();
+    /// The thread of a log does nothing until this is dropped.
+    pub(in crate::service) fn hold_up(log: &AuditLog) -> mpsc::Sender<()> {
+        let (goes_on, waits) = mpsc::channel::<()>();
         let entry = Entry {
             id: String::new(),
             at: SystemTime::now(),
@@ -189,7 +186,17 @@ mod tests {
             what: String::new(),
             end: None,
         };
-        let _first = log.begin(entry, String::new(), Box::new(move |_| _ = held_up.recv()));
+        let then = Box::new(move |_| _ = waits.recv());
+        let _ = log.begin(entry, String::new(), then);
+        goes_on
+    }
+
+    /// The log begins to fail between two records: the second is not given up before the first.
+    #[test]
+    fn who_waits_for_a_later_record_gives_up_no_earlier() {
+        let folder = std::env::temp_dir().join(format!("railbus-waits-{}", std::process::id()));
+        let (log, _) = AuditLog::open(&folder).unwrap();
+        let goes_on = hold_up(&log);
         let mut waits = Waits::default();
         for request in [1, 2] {
             let waiting = log.end("", End::Reply, String::new(), Box::new(|_| {}));
