@@ -64,8 +64,8 @@ impl Ghost {
 /// The ghosts of a line.
 #[derive(Debug)]
 pub(crate) struct Ghosts {
-    /// As many as there may be. On the heap, because whoever drives the line holds it: with all of
-    /// this in it, its stack would be nine pages at each wake-up.
+    /// Room for [`GHOSTS_MAX`], on the heap: inline it would make the stack frame of the task that
+    /// drives the line nine pages large, at each wake-up.
     slots: Vec<Option<Ghost>>,
     /// The number of ghosts: zero on a good line, which then spends no time here.
     count: usize,

@@ -97,7 +97,7 @@ impl Bus {
             terms.verify,
             (now, expires),
         ));
-        // It may have been under way to this line for too long; and time has passed for the others.
+        // It may have expired on its way to this line, and others may have expired by now.
         self.expire_commands();
         self.preempt_silent(module);
         Ok(ticket)

@@ -145,8 +145,8 @@ pub async fn write(
     }
 }
 
-/// Why the output of a path was not switched. The path is looked up for the words only: it may be
-/// gone since, and whether something may have happened is said all the same.
+/// Why the output of a path was not switched. The path is looked up for the message only: it may
+/// have been removed since, and `may_have_acted` is reported either way.
 fn not_written(service: &Service, path: &str, failure: &CommandError) -> Problem {
     match find(service, path) {
         Ok((module, point)) => failures::problem(service, &module, Some(point), failure),

@@ -201,7 +201,7 @@ impl Context {
             *lock(&told) = Some(procedure.await);
             ended.with(|state| {
                 let runs = &mut state.runs;
-                // Where it is not waited for any more, the other one may be gone.
+                // If nobody awaits it any more, its parent may be gone.
                 let is_awaited = Arc::strong_count(&told) > 1;
                 let behind = runs.ends.remove(&runs.current).filter(|_| is_awaited);
                 if let Some(end) = behind {

@@ -170,7 +170,7 @@ impl Context {
     /// [`State::tell_not_exited`] reports what could not be done.
     pub(crate) async fn close_site(&self) {
         if self.with(|state| state.is_stopping()) {
-            // It is being ended already, or has been: all of it is done once.
+            // Already closing or closed: everything is done once.
             let has_ended = |state: &mut State| state.has_ended;
             self.wait_in(|state| &mut state.opening, has_ended).await;
             return self.answer_behind_all();

@@ -90,7 +90,7 @@ impl Context {
         self.closed(&reloaded.closed).await;
         let changes = self.with(|state| {
             let changes = state.take_config(&config, &reloaded, &others);
-            // Before the disk forgets them: it would not be said after a restart any more.
+            // Before they are removed from the disk: after a restart nothing would report them.
             state.tell_dropped_ends();
             changes
         });

@@ -46,14 +46,14 @@ impl Drop for Lending<'_> {
 
 impl Service {
     /// Closes the port of a line and leaves it to the caller, until [`ExclusiveHold::until`].
-    /// Pulses and leases of its outputs end before that, since nobody could end them meanwhile;
-    /// commands under way get a second to end.
+    /// Pulses and leases of its outputs end before that, since they can't be ended while the line
+    /// is held; commands under way get a second to end.
     ///
     /// # Errors
     /// [`CommandError::RoleTooLow`], [`CommandError::Limited`]; [`CommandError::NoSuchLine`];
     /// [`CommandError::Lent`] while another caller has it; [`CommandError::Due`] where an output
-    /// must be switched off soon, which nobody could do meanwhile; [`Fault::Overloaded`] where too
-    /// many wait for lines; [`Fault::Closed`] when the site ends.
+    /// must be switched off soon, which is impossible while the line is held;
+    /// [`Fault::Overloaded`] where too many wait for lines; [`Fault::Closed`] when the site ends.
     pub async fn lend(&self, line: &str) -> Result<ExclusiveHold, CommandError> {
         self.who.rights.may_change_site()?;
         let (end, lent) = oneshot::channel();

@@ -214,7 +214,7 @@ async fn who_asks_at_the_same_time_waits_for_the_one_answer() {
     assert_eq!((&two, &three), (&one, &one));
 }
 
-/// That a command begins is in the file before it does, and how it ended before that is told.
+/// The start of a command is in the file before it starts, and its result before it is reported.
 #[tokio::test]
 async fn it_is_written_down_before_it_begins_and_before_it_is_told() {
     let place = Place::new("before");
