@@ -3,9 +3,11 @@
 //!
 //! # Where things are
 //! - Points, modules, lines and commands to outputs: `types`, `control`; history and audit log:
-//!   `past`; the other files are named after their subjects. A further field is added here and
-//!   filled in `railbus_app::api`; the OpenAPI document follows from the type, and the types of the
-//!   web pages from that document.
+//!   `past`; the datasheets of models: `models`; the other files are named after their subjects. A
+//!   further field is added here and filled in `railbus_app::api`; the OpenAPI document follows
+//!   from the type, and the types of the web pages from that document. A field of a point stands
+//!   twice: in `types::PointInfo`, filled in `railbus_app::api::convert`, and in
+//!   `view::PointView`, which borrows, filled in `railbus_app::api::print`.
 //! - What a failed request returns: `problem`; its codes are defined in `railbus_words::codes`.
 
 #![forbid(unsafe_code)]

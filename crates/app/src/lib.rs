@@ -8,7 +8,8 @@
 //! - Findings of the doctor: `doctor`, a file for each thing that it looks at (`system`, `port`,
 //!   `line`, …); their codes and causes are in `railbus_words::findings`. Findings of `config
 //!   check`: `config_check`. Finding the configuration: `config_file`.
-//! - Frames in words: `frames`. Tables and JSON: `render`. The drivers of a scan and of a change of
+//! - Frames in words: `frames`. Tables and JSON: `render`; the columns of a command are in its file
+//!   in `railbus/src/commands`. The drivers of a scan and of a change of
 //!   settings, on a real line: `scan`, `settings`. So a procedure is `railbus_commission`'s, its
 //!   messages `railbus_api`'s, the two meet here, its endpoint is in the gateway and its command in
 //!   `railbus`.

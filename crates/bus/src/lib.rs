@@ -13,8 +13,8 @@
 //! # Where things are
 //! What is sent next, after how much silence: `schedule` (how much a family needs: its `Profile`).
 //! Commands, with their deadline in the queue: `command`, [`Terms`]. What came of a request:
-//! `outcome`, `event`. Requests whose replies may come late: `ghost`, for the time that their
-//! module may take (`LATE_MIN` in `module_state`); how they are ruled out sooner: `fence`. Modules
+//! `outcome`, `event`. Requests whose replies may come late: `ghost`; how long that is: `late_max`
+//! and `HELD_BACK_MAX` in `module_state`; how they are ruled out sooner: `fence`. Modules
 //! that do not answer: `silent`; health and learned times: `module_state`; their model: `identity`.
 //! Bytes, echoes: `rx_buffer`.
 

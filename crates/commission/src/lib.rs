@@ -6,10 +6,11 @@
 //! simulated one. Nothing is written to a module before it is in the journal.
 //!
 //! # Where things are
-//! - Finding modules: the folder `scan`. Speeds, addresses and their order: `scan/scope`; what to
-//!   send next, and how much of it: `scan/planner`; what replies prove, by the signs of the
-//!   datasheets: `scan/identify`; a second look where nothing was found: `scan/likely`. Nothing
-//!   here reads a configuration: what it says comes in with the scope.
+//! - Finding modules: the folder `scan`. Speeds, addresses, questions and their order:
+//!   `scan/scope`; the questions as bytes: `scan/ask`; taking them in turn: `scan/planner`;
+//!   what replies prove, by the signs of the datasheets, and what is asked next because of it:
+//!   `scan/identify`; a second look where nothing was found: `scan/likely`. Nothing here reads
+//!   a configuration: what it says comes in with the scope.
 //! - A change of settings, step by step: `change`, in the order of `stages`, finding the module
 //!   again with `locate`, after `vacant` has checked the new place; after an interruption
 //!   `recover`. What a settings word means: `settings`. What is written down before and after:

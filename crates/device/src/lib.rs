@@ -9,11 +9,12 @@
 //! Sections in brackets, as `[ERC-8 §2.1]`, are numbered facts of `docs/datasheets`.
 //!
 //! # Where things are
-//! - A family: its own file (`eda9060a`, `eda9050`, `eda` for what both share, `erc8`, `emd2a2q`,
-//!   `r55` for the 0x55/0x22 relay boards). Addresses of coils and registers that both ends
-//!   use are constants in it. Ranges, terminals and timing, such as the silence before a request,
-//!   are in its [`Profile`]; stored settings, registers and identification, which
-//!   only a host asks for, in its [`Datasheet`]. Nothing above this crate matches on a family.
+//! - A family: its own file (`eda9060a`, `eda9050`, `eda` for what both share, `erc8`,
+//!   `emd2a2q`, `r55` for the 0x55/0x22 relay boards). Addresses of coils and registers that
+//!   both ends use are constants in it (runs of coils: `modbus`). Ranges, terminals and timing,
+//!   such as the silence before a request, are in its [`Profile`]; stored settings, registers
+//!   and identification, which only a host asks for, in its [`Datasheet`]. Nothing above this
+//!   crate matches on a family.
 //! - The forms of that data: `family` ([`Profile`]) and `datasheet`. A further setting of a kind in
 //!   `datasheet::Key` is a line of the family's sheet and its half of the engine; a new kind is
 //!   also a [`SettingWrite`], a field of `railbus_nvm::Record` and a step of

@@ -3,22 +3,25 @@
 //!
 //! # Where things are
 //! - An endpoint: the file of its subject (`points`, `control`, `history`, `config`, `scans`,
-//!   `settings`, …), with a row in that file's `ROUTES`; all tables are listed in `routes`. What
-//!   every handler needs: `site`. What must be so before one is called (who it is, what it may,
-//!   limits, headers): `access`, `guard`, `listen`. A request that switches or changes something
-//!   begins as an `order`.
+//!   `settings`, …), with a row in that file's `ROUTES`; all tables are listed in `routes`.
+//!   What every handler needs: `site`. What must be so before one is called (who it is, what it
+//!   may, limits, headers): `access`, `guard`, `listen`. Users and API tokens, with their roles
+//!   and points: `access/accounts`; the role that a route needs: `Need` in its row; what a role
+//!   permits: `railbus_site`'s rights. A request that switches or changes something begins as
+//!   an `order`.
 //! - Charts, and the columns of their download: `history`; `export` sends any long table row by
 //!   row.
 //! - What is sent as it changes: over a WebSocket `ws` (what can be subscribed to: `ws/topic`),
 //!   over plain HTTP values in `stream` and events in `event_stream`.
 //! - A system that the site is published to (events over HTTP, …): `northbound`, a folder each and
 //!   a line in `northbound.rs`; its settings are declared and read in its folder, too, and so is
-//!   how often it tries again.
-//! - Requests repeated under an `Idempotency-Key`: the header and its answer in `keys`; what is
-//!   kept of them is the site's. Long operations: `ops`. Exclusive access to a line over HTTP,
-//!   which ends with its connection: `loan`; who may have it and for how long, the site decides.
-//!   The OpenAPI document, made of the routes: `openapi`. Figures: `metrics`. Pages: `web` serves
-//!   them, their sources are in the folder `web` of the repository.
+//!   how often it tries again. An example is the kind of the tests, in the same folder.
+//! - Requests repeated under an `Idempotency-Key`: the header is read in `order`, its answer is
+//!   in `keys`; what is kept of them is the site's. Long operations: `ops`. Exclusive access to
+//!   a line over HTTP, which ends with its connection: `loan`, who may have it is in its row;
+//!   for how long, the site decides. The OpenAPI document, made of the routes: `openapi`.
+//!   Figures: `metrics`. Pages: `web` serves them, their sources are in the folder `web` of the
+//!   repository.
 
 #![forbid(unsafe_code)]
 

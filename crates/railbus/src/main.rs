@@ -11,7 +11,8 @@
 //!   `args`. `set` switches outputs, `config set` changes what a module stores.
 //! - Where a command goes, to the daemon or to a line opened here: `backend`. Errors of the command
 //!   line itself: `usage`.
-//! - Texts and columns of one command: in its file or folder; texts of several: `texts`. What
+//! - Texts and columns of one command: in its file or folder (`ls points` is the table of `get`);
+//!   texts of several, and the headings of `ls`: `texts`. What
 //!   gateway and commands share is not here but in `railbus_app`.
 
 #![forbid(unsafe_code)]

@@ -9,9 +9,11 @@
 //!
 //! # Where things are
 //! - How a healthy module answers, and when, is `railbus_device`'s; here is what befalls it.
-//! - Who hears what, and collisions: `line`, `talk`. A module on it, and every fault that
-//!   can be ordered, such as a stuck relay ([`Act`]): `slot`. What only disturbs bytes, by chance:
-//!   `faults`. The modules of the demo: `demo`.
+//! - Who hears what, and collisions: `line`, `talk`. A module on it, and what can be done to it,
+//!   such as a stuck relay ([`Act`]): `slot`. What befalls requests, replies and characters, by
+//!   chance or always: `faults`. The name and syntax of a fault that a user can order are in
+//!   `railbus_site::config::faults`; `railbus_plant` hands it on to here (`active_faults`,
+//!   `stage`). The modules of the demo: `demo`.
 //!
 //! ```
 //! use railbus_sim::{Input, VirtualLine, VirtualLineConfig, Output};

@@ -21,8 +21,9 @@
 //! - Who may command what: `rights`. Why something failed: `failure`. Values and their quality:
 //!   `points`.
 //! - Keys of `railbus.toml`, with their checks and the edits that keep comments: `config`.
-//! - Rules: their keys in `config/rules.rs`; when one is true and what it does then in `rules`, as
-//!   a state machine (`engine`) with times of day (`clock`).
+//! - Rules: their keys in `config/rules.rs`; when one is true in `rules`, as a state machine
+//!   (`engine`) with times of day (`clock`); what it does then in `core/rules`, by the same
+//!   steps and checks as the commands of any caller.
 
 #![forbid(unsafe_code)]
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]

@@ -4,7 +4,8 @@
 //!
 //! # Where things are
 //! - Samples and events: `history`. They are written by its thread (`history/writer`), which also
-//!   deletes what is too old or too much (`history/prune`); charts: `history/chart`.
+//!   deletes what is too old or too much (`history/prune`, with the times and sizes that hold
+//!   where the configuration says none); charts: `history/chart`.
 //! - Who did what and how it ended: `audit` (when a new file begins: `audit/files`; hashes:
 //!   `audit/chain`).
 //! - What must be whole after a loss of power: `durable`; the file of the journal of changed

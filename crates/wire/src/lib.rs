@@ -30,8 +30,8 @@
 //! # Where things are
 //! - A protocol: `rtu` (Modbus), `ascii` (EDA, ADAM/DCON), `lc02`, `r55` (0x55/0x22). A new one is
 //!   a file here and a variant of [`Exchange`]. `lcus` is only recognised, and has none.
-//! - What another protocol would make of a frame: `foreign`. Speeds, formats, character times:
-//!   `serial`, `time`.
+//! - Why bytes are not a valid frame: `decoded`. What another protocol would make of a frame:
+//!   `foreign`. Speeds, formats, character times: `serial`, `time`.
 
 #![no_std]
 #![forbid(unsafe_code)]
