@@ -61,41 +61,55 @@ impl<'a> Exchange<'a> {
     /// [`RequestError`] in the standard's order: CRC, function, quantity, range.
     #[inline]
     pub fn decode_frame(frame: &'a [u8]) -> Result<Exchange<'a>, RequestError> {
-        let &[address, code, .., _, _] = frame else {
+        let [address, pdu @ .., _, _] = frame else {
             return Err(RequestError::Garbled);
         };
         if frame.len() > crate::FRAME_MAX || crc16(frame) != 0 {
             return Err(RequestError::Garbled);
         }
-        let address = Address(address);
+        Exchange::decode_pdu(Address(*address), pdu)
+    }
+
+    /// Decodes a function and its data as a request to this module: what stands between address
+    /// and CRC, and after the unit in Modbus TCP ([`crate::mbap`]).
+    ///
+    /// # Errors
+    /// [`RequestError`] in the standard's order: function, quantity, range;
+    /// [`RequestError::Garbled`] if there is nothing.
+    #[inline]
+    pub fn decode_pdu(address: Address, pdu: &'a [u8]) -> Result<Exchange<'a>, RequestError> {
+        let &[code, ref fields @ ..] = pdu else {
+            return Err(RequestError::Garbled);
+        };
         let Some(function) = Function::from_code(code) else {
             return Err(RequestError::Function { address, code });
         };
         let quantity = RequestError::Quantity { address, function };
         if function == Function::Identify {
-            return match *frame {
-                [_, _, super::identity::KIND, code, object, _, _] => {
+            return match *fields {
+                [super::identity::KIND, code, object] => {
                     let request = Request::Identify { code, object };
                     Ok(Exchange { address, request })
                 }
-                [_, _, super::identity::KIND, ..] => Err(quantity),
+                [super::identity::KIND, ..] => Err(quantity),
                 _ => Err(RequestError::Function { address, code }),
             };
         }
-        let Some(&[_, _, at_high, at_low, high, low]) = frame.first_chunk::<6>() else {
+        let Some((&[at_high, at_low, high, low], rest)) = fields.split_first_chunk::<4>() else {
             return Err(quantity);
         };
         let (at, value) = (
             u16::from_be_bytes([at_high, at_low]),
             u16::from_be_bytes([high, low]),
         );
-        let data = match (function, frame) {
-            (
-                Function::WriteCoils | Function::WriteRegisters,
-                [_, _, _, _, _, _, bytes, data @ .., _, _],
-            ) if usize::from(*bytes) == data.len() => data,
+        let data = match (function, rest) {
+            (Function::WriteCoils | Function::WriteRegisters, [bytes, data @ ..])
+                if usize::from(*bytes) == data.len() =>
+            {
+                data
+            }
             (Function::WriteCoils | Function::WriteRegisters, _) => return Err(quantity),
-            (_, [_, _, _, _, _, _, _, _]) => &[],
+            (_, []) => &[],
             _ => return Err(quantity),
         };
         match parse(function, at, value, data) {
