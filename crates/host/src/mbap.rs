@@ -1,18 +1,10 @@
-//! Converts Modbus RTU frames to Modbus TCP and back.
-//!
-//! Modbus TCP puts a header before each message: a transaction number, a protocol number (0), and
-//! the length of what follows, which is the module's address and the PDU. There is no CRC.
+//! Converts Modbus RTU frames to Modbus TCP and back: the module's address and what follows it
+//! stay, the header takes the place of the CRC.
 
-use railbus_wire::crc16;
+use railbus_wire::mbap::{self, INSIDE_MAX, INSIDE_MIN, MESSAGE_MAX, Message};
+use railbus_wire::{Decoded, crc16};
 use std::io;
 
-/// Transaction, protocol and length.
-const HEADER: usize = 6;
-/// Address and PDU are 2 to 254 bytes.
-const INSIDE_MIN: usize = 2;
-const INSIDE_MAX: usize = 254;
-/// The longest message.
-pub(crate) const ENVELOPE_MAX: usize = HEADER + INSIDE_MAX;
 /// The longest RTU frame.
 const FRAME_MAX: usize = INSIDE_MAX + 2;
 
@@ -22,8 +14,8 @@ pub(crate) struct Mbap {
     transaction: u16,
     /// The transaction whose reply is pending.
     awaited: Option<u16>,
-    request: [u8; ENVELOPE_MAX],
-    received: [u8; 2 * ENVELOPE_MAX],
+    request: [u8; MESSAGE_MAX],
+    received: [u8; 2 * MESSAGE_MAX],
     len: usize,
 }
 
@@ -34,8 +26,8 @@ impl Mbap {
         Mbap {
             transaction: first,
             awaited: None,
-            request: [0; ENVELOPE_MAX],
-            received: [0; 2 * ENVELOPE_MAX],
+            request: [0; MESSAGE_MAX],
+            received: [0; 2 * MESSAGE_MAX],
             len: 0,
         }
     }
@@ -49,12 +41,10 @@ impl Mbap {
         }
         self.transaction = self.transaction.wrapping_add(1);
         self.awaited = Some(self.transaction);
-        let [high, low] = self.transaction.to_be_bytes();
-        let header = [high, low, 0, 0, 0, inside.len() as u8];
-        let len = HEADER + inside.len();
+        let len = mbap::HEADER + inside.len();
         let envelope = self.request.get_mut(..len)?;
-        let (front, back) = envelope.split_at_mut(HEADER);
-        front.copy_from_slice(&header);
+        let (front, back) = envelope.split_at_mut(mbap::HEADER);
+        front.copy_from_slice(&mbap::header(self.transaction, inside.len()));
         back.copy_from_slice(inside);
         Some(envelope)
     }
@@ -75,35 +65,24 @@ impl Mbap {
     /// # Errors
     /// If the bytes are not Modbus TCP: the start of the next message is unknown.
     pub(crate) fn unwrap(&mut self, out: &mut [u8]) -> io::Result<Option<usize>> {
-        while let Some((transaction, inside)) = self.envelope()? {
-            let (start, end) = (HEADER, HEADER + inside);
+        loop {
+            let received = self.received.get(..self.len).unwrap_or_default();
+            let (len, message) = match Message::decode(received) {
+                Decoded::Partial { .. } => return Ok(None),
+                Decoded::Malformed(_) => return Err(io::ErrorKind::InvalidData.into()),
+                Decoded::Whole { len, value } => (len, value),
+            };
             let mut written = None;
-            if self.awaited == Some(transaction) {
+            if self.awaited == Some(message.transaction) {
                 self.awaited = None;
-                let inside = self.received.get(start..end).unwrap_or_default();
-                written = Some(write_frame(inside, out)?);
+                written = Some(write_frame(message.inside, out)?);
             }
-            self.received.copy_within(end..self.len, 0);
-            self.len -= end;
+            self.received.copy_within(len..self.len, 0);
+            self.len -= len;
             if written.is_some() {
                 return Ok(written);
             }
         }
-        Ok(None)
-    }
-
-    /// Transaction and length of the first message, once it is complete.
-    fn envelope(&self) -> io::Result<Option<(u16, usize)>> {
-        let received = self.received.get(..self.len).unwrap_or_default();
-        let Some(&[t1, t0, p1, p0, l1, l0]) = received.first_chunk::<HEADER>() else {
-            return Ok(None);
-        };
-        let inside = usize::from(u16::from_be_bytes([l1, l0]));
-        if (p1, p0) != (0, 0) || !(INSIDE_MIN..=INSIDE_MAX).contains(&inside) {
-            return Err(io::ErrorKind::InvalidData.into());
-        }
-        let whole = received.len() >= HEADER + inside;
-        Ok(whole.then_some((u16::from_be_bytes([t1, t0]), inside)))
     }
 }
 

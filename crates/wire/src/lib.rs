@@ -29,7 +29,8 @@
 //!
 //! # Where things are
 //! - A protocol: `rtu` (Modbus), `ascii` (EDA, ADAM/DCON), `lc02`, `r55` (0x55/0x22). A new one is
-//!   a file here and a variant of [`Exchange`]. `lcus` is only recognised, and has none.
+//!   a file here and a variant of [`Exchange`]. `lcus` is only recognised, and has none. Modbus
+//!   TCP is `mbap` around what `rtu` has inside.
 //! - Why bytes are not a valid frame: `decoded`. What another protocol would make of a frame:
 //!   `foreign`. Speeds, formats, character times: `serial`, `time`.
 
@@ -54,6 +55,7 @@ mod frame;
 mod hex;
 pub mod lc02;
 pub mod lcus;
+pub mod mbap;
 mod payload;
 pub mod r55;
 pub mod rtu;
