@@ -3,7 +3,10 @@
 use super::{Inner, Service};
 use crate::core::{News, Picture};
 use std::sync::{Arc, Weak};
-use tokio::sync::broadcast::{Receiver, error::RecvError};
+use tokio::sync::broadcast::{
+    Receiver,
+    error::{RecvError, TryRecvError},
+};
 
 /// How many batches wait for a slow follower before it gets a picture instead.
 pub(super) const NEWS_MAX: usize = 256;
@@ -44,9 +47,7 @@ impl Follower {
         self.missed = 0;
         loop {
             if let Some(picture) = self.picture.take() {
-                self.missed = picture.changes.saturating_sub(self.changes);
-                (self.seq, self.changes) = (picture.seq, picture.changes);
-                return Some(News::Picture(picture));
+                return Some(self.begin_with(picture));
             }
             match self.news.recv().await {
                 // It is in the picture already.
@@ -62,6 +63,38 @@ impl Follower {
                 Err(RecvError::Closed) => return None,
             }
         }
+    }
+
+    /// What has changed by now and was not yet told, without waiting for the pace of the stream;
+    /// none where there is nothing more. A follower that calls this until then knows the effect of
+    /// every command that had ended before.
+    pub fn next_now(&mut self) -> Option<News> {
+        self.missed = 0;
+        let site = self.site.upgrade()?;
+        site.drive(|core, now| core.finish_stream(now));
+        loop {
+            if let Some(picture) = self.picture.take() {
+                return Some(self.begin_with(picture));
+            }
+            match self.news.try_recv() {
+                Ok(news) if news.seq() <= self.seq => {}
+                Ok(news) => {
+                    (self.seq, self.changes) = (news.seq(), news.changes());
+                    return Some(news);
+                }
+                Err(TryRecvError::Lagged(_)) => {
+                    let (picture, news) = site.follow();
+                    (self.picture, self.news) = (Some(picture), news);
+                }
+                Err(TryRecvError::Empty | TryRecvError::Closed) => return None,
+            }
+        }
+    }
+
+    fn begin_with(&mut self, picture: Arc<Picture>) -> News {
+        self.missed = picture.changes.saturating_sub(self.changes);
+        (self.seq, self.changes) = (picture.seq, picture.changes);
+        News::Picture(picture)
     }
 
     /// How many changes this follower missed before the picture that it was given last, because it

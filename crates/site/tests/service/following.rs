@@ -96,3 +96,27 @@ async fn a_follower_does_not_keep_the_site() {
         .await
         .expect("it has gone");
 }
+
+/// Commands follow each other faster than batches do.
+#[tokio::test]
+async fn the_effect_of_a_command_is_known_at_once_to_a_follower_that_asks_for_it() {
+    let (port, _relays) = board::start().await;
+    let service = start(&port);
+    until(|| service.point("oven", k(1)).unwrap().quality == PointQuality::Good).await;
+    let mut follower = service.follow();
+    assert!(matches!(follower.next_now(), Some(News::Picture(_))));
+    for is_on in [true, false, true, false] {
+        let set = [(k(1), is_on)];
+        let written = service.write("oven", &set, WriteTerms::default());
+        written.await.unwrap();
+        let mut known = None;
+        while let Some(News::Batch(batch)) = follower.next_now() {
+            let readings = batch.points.iter();
+            for reading in readings.filter(|reading| reading.status.point == k(1)) {
+                known = reading.status.value;
+            }
+        }
+        assert_eq!(known, Some(PointValue::Bool(is_on)));
+    }
+    service.close().await;
+}
