@@ -135,6 +135,37 @@ pub fn reason(lang: Lang, kind: &Invalid) -> String {
             "write http://HOST[:PORT]/… or https://…, without a name and a password",
             "应写为 http://主机[:端口]/… 或 https://…，不含用户名和密码",
         ]),
+        Invalid::BadListen => fixed([
+            "write an address and a port, such as 127.0.0.1:1502",
+            "应写地址和端口，如 127.0.0.1:1502",
+        ]),
+        Invalid::BadNetwork => fixed([
+            "write a network such as 192.168.1.0/24, or an address",
+            "应写网络（如 192.168.1.0/24）或地址",
+        ]),
+        Invalid::BadUnit => fixed([
+            "write a module and its unit, 1 to 247: \"pump=4\"",
+            "应写模块及其单元号（1 至 247）：\"pump=4\"",
+        ]),
+        Invalid::NeedsUnit(module) => both(
+            format!(
+                "the address of \"{module}\" can't be a unit: write \"{module}=N\", N from 1 to 247"
+            ),
+            format!("\"{module}\" 的地址不能作为单元号：写作 \"{module}=N\"，N 为 1 至 247"),
+        ),
+        Invalid::UnitTaken(unit, [first, second]) => both(
+            format!(
+                "\"{first}\" and \"{second}\" are both unit {unit}: give one another, \
+                 \"{second}=N\""
+            ),
+            format!(
+                "\"{first}\" 与 \"{second}\" 的单元号都是 {unit}：请为其一另指定，如 \"{second}=N\""
+            ),
+        ),
+        Invalid::Unguarded => fixed([
+            "other machines could connect without a password: say which may, in \"allow\"",
+            "其他机器无需密码即可连接：请在 \"allow\" 中写明允许的网络",
+        ]),
         Invalid::NotAnInput => fixed([
             "this is no input; only inputs are moved from outside",
             "不是输入点；只能从外部改变输入",

@@ -311,6 +311,11 @@ fn name_anew(root: &mut Item, kind: &str, old: &str, new: &str) {
             for table in ["webhook", "outlet"] {
                 each_of(root, table, &["modules"], &alone);
             }
+            let before_unit = |text: &str| {
+                let (name, unit) = text.split_once('=')?;
+                (name.trim() == old).then(|| format!("{new}={unit}"))
+            };
+            each_of(root, "outlet", &["units"], &before_unit);
             each_of(root, "outlet", &["write"], &alone);
             each_of(root, "outlet", &["write"], &with_point);
             each_of(root, "module", &["point"], &with_point);

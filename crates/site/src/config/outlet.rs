@@ -121,11 +121,12 @@ mod tests {
     fn a_new_name_of_a_line_or_module_is_its_name_here_too() {
         let text = "[line.main]\nport = \"/dev/ttyS9\"\n[module.pump]\nline = \"main\"\n\
             model = \"erc8\"\naddress = 3\n[outlet.plant]\ntype = \"x\"\nlines = [\"main\"]\n\
-            modules = [\"pump\"]\nwrite = [\"pump.k1\"]\n";
+            modules = [\"pump\"]\nwrite = [\"pump.k1\"]\nunits = [\"pump = 4\"]\n";
         let text = super::super::change::rename(text, "line", "main", "hall").unwrap();
         let text = super::super::change::rename(&text, "module", "pump", "well").unwrap();
         let settings = &Config::parse(&text).unwrap().outlets["plant"].settings;
-        let wanted = json!({"lines": ["hall"], "modules": ["well"], "write": ["well.k1"]});
+        let wanted = json!({"lines": ["hall"], "modules": ["well"], "write": ["well.k1"],
+            "units": ["well= 4"]});
         assert_eq!(Json::Object(settings.clone()), wanted);
     }
 }

@@ -89,6 +89,18 @@ pub enum Invalid {
     BadSetting(String),
     /// Not a valid receiver address.
     BadUrl,
+    /// Not an address with a port.
+    BadListen,
+    /// Not a network of addresses.
+    BadNetwork,
+    /// Not a module with its Modbus unit.
+    BadUnit,
+    /// A module whose address can't be a Modbus unit.
+    NeedsUnit(String),
+    /// A Modbus unit of two modules.
+    UnitTaken(u8, [String; 2]),
+    /// A server without a password that is open to other machines, and does not say which.
+    Unguarded,
     /// Another module on the same line has the same address in the same protocol.
     AddressTaken(String),
 }
@@ -128,6 +140,10 @@ impl Invalid {
             Invalid::NeedsPerson => "E0873",
             Invalid::OtherUnit(_) => "E0874",
             Invalid::BadUrl => "E0876",
+            Invalid::BadListen | Invalid::BadNetwork => "E0885",
+            Invalid::BadUnit | Invalid::NeedsUnit(_) => "E0886",
+            Invalid::UnitTaken(..) => "E0887",
+            Invalid::Unguarded => "E0888",
             Invalid::NotAnInput => "E0893",
         }
     }
