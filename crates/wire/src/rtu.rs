@@ -72,9 +72,15 @@ impl Exception {
     pub const VALUE: Exception = Exception(3);
     /// The module failed to execute it.
     pub const FAILURE: Exception = Exception(4);
+    /// The module is busy, or a gateway has too much to do.
+    pub const BUSY: Exception = Exception(6);
     /// In the standard a memory parity error; ERC-8 and EMD-2A2Q list it as "CRC error"
     /// [ERC-8 §5.5].
     pub const CHECKSUM: Exception = Exception(8);
+    /// A gateway has no way to the module.
+    pub const PATH: Exception = Exception(0x0A);
+    /// The module behind a gateway did not answer.
+    pub const TARGET: Exception = Exception(0x0B);
 }
 
 impl fmt::Display for Exception {
