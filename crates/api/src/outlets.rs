@@ -82,6 +82,8 @@ pub enum OutletFieldType {
     Choice,
     /// A list of choices; empty for all of them.
     Choices,
+    /// A list of texts, as the hint says.
+    Texts,
     /// A list of lines; empty for all of them.
     Lines,
     /// A list of modules; empty for all of them.

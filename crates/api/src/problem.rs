@@ -242,6 +242,8 @@ pub mod codes {
         OUTLET_ENDED = "E0875", 500;
         /// Also `name`.
         OUTLET_STUCK = "E0880", 504;
+        /// Also `listen`, `reason`.
+        OUTLET_LISTEN = "E0895", 502;
         /// Also `name`.
         NO_SUCH_HOOK = "E0877", 404;
         /// Also `reason`: the status received.

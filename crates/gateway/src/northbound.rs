@@ -7,6 +7,7 @@
 //! made from what its line says ([`kind`]).
 
 mod kind;
+mod modbus_tcp;
 mod outlet;
 pub(super) mod routes;
 mod run;
@@ -30,6 +31,7 @@ use supervisor::OutletId;
 
 /// Every kind of outlet.
 static NORTHBOUND: &[&OutletKind] = &[
+    &modbus_tcp::KIND,
     &webhook::KIND,
     #[cfg(test)]
     &textline::KIND,

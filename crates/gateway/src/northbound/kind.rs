@@ -2,6 +2,7 @@
 
 use super::outlet::Outlet;
 use railbus_api::problem::{Problem, ProblemType as ProblemKind, codes};
+use railbus_site::config::Invalid;
 use railbus_site::config::change::Keys;
 use railbus_site::{Config, Events};
 use std::pin::Pin;
@@ -46,6 +47,8 @@ pub(crate) struct OutletKind {
     pub(crate) events: &'static str,
     /// The problem where there is no outlet of a name.
     pub(crate) missing: ProblemKind,
+    /// What is wrong with its settings beyond their shapes, each with the key.
+    pub(crate) check: fn(&Keys, &Config) -> Vec<(&'static str, Invalid)>,
     /// Refuses destinations that only the owner of the daemon may add.
     pub(crate) may_lead: fn(old: &Config, new: &Config) -> Result<(), Problem>,
 }
@@ -99,6 +102,8 @@ pub(crate) enum Shape {
     Choice(&'static [(&'static str, Pair)]),
     /// Some of these words; empty for all of them.
     Choices(&'static [(&'static str, Pair)]),
+    /// A list of texts; the kind says what they can be ([`OutletKind::check`]).
+    Texts,
     /// Names of lines of the site; empty for all of them.
     Lines,
     /// Names of modules of the site; empty for all of them.
@@ -159,6 +164,7 @@ impl OutletKind {
             outlets: of_its_type,
             events: TABLE,
             missing: codes::NO_SUCH_OUTLET,
+            check: |_, _| Vec::new(),
             may_lead: |_, _| Ok(()),
         }
     }

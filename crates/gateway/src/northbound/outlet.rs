@@ -14,6 +14,7 @@ use railbus_site::{Events, Rights, Role, Service};
 use railbus_store::audit::Origin;
 use railbus_words::time::rfc3339;
 use serde_json::Value;
+use std::net::IpAddr;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Weak};
 use std::time::Duration;
@@ -41,10 +42,6 @@ pub(crate) struct Outlet {
 }
 
 /// Its settings by their keys, as its fields say.
-#[cfg_attr(
-    not(test),
-    expect(dead_code, reason = "only the kind of the tests has such settings")
-)]
 impl Outlet {
     /// A text among its settings; empty where it is left out.
     pub(crate) fn text(&self, key: &str) -> String {
@@ -63,6 +60,10 @@ impl Outlet {
     }
 
     /// Whether a setting of shape [`Shape::Flag`] is set.
+    #[cfg_attr(
+        not(test),
+        expect(dead_code, reason = "only the kind of the tests has such a setting")
+    )]
     pub(crate) fn flag(&self, key: &str) -> bool {
         self.setting(key) == Value::Bool(true)
     }
@@ -73,6 +74,16 @@ impl Outlet {
 }
 
 impl Outlet {
+    /// The site in the outlet's name for a client of it at this address: logs have both.
+    pub(crate) fn service_for(&self, client: IpAddr) -> Service {
+        let origin = Origin {
+            who: self.service.origin().who.clone(),
+            via: format!("{} {client}", self.kind.name),
+        };
+        let rights = rights(&self.settings.borrow());
+        self.service.on_behalf_of(origin, rights)
+    }
+
     /// Its secret, as it is now.
     pub(crate) fn secret(&self) -> Option<Arc<Secret>> {
         self.secrets.of(self.kind, &self.name)

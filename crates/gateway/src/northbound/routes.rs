@@ -160,6 +160,7 @@ fn about_field(field: &Field) -> OutletField {
             told.choices = choices(words);
             OutletFieldType::Choices
         }
+        Shape::Texts => OutletFieldType::Texts,
         Shape::Lines => OutletFieldType::Lines,
         Shape::Modules => OutletFieldType::Modules,
         Shape::Points => OutletFieldType::Points,

@@ -10,6 +10,8 @@ use serde_json::Value;
 
 /// The most lines, modules or points that a setting names.
 const NAMES_MAX: usize = 256;
+/// The longest text in a list.
+const TEXT_MAX: usize = 256;
 
 /// What is wrong with the tables `[outlet.NAME]` of this text, whose configuration this is: each
 /// with the line and column of its key.
@@ -60,6 +62,10 @@ fn wrong(kind: &OutletKind, settings: &Keys, config: &Config) -> Vec<(String, In
             found.push((field.key.to_owned(), Invalid::MissingKey(field.key)));
         }
     }
+    if found.is_empty() {
+        let wrong = (kind.check)(settings, config).into_iter();
+        found.extend(wrong.map(|(key, why)| (key.to_owned(), why)));
+    }
     found
 }
 
@@ -100,6 +106,12 @@ fn why(field: &Field, value: &Value, config: &Config) -> Option<Invalid> {
                 fits(is_one, Invalid::NotOneOf(names().collect()))
             })
         }
+        Shape::Texts => each(value, |text| {
+            fits(
+                (1..=TEXT_MAX).contains(&text.len()),
+                Invalid::BadText(TEXT_MAX),
+            )
+        }),
         Shape::Lines => each(value, |name| {
             fits(config.lines.contains_key(name), Invalid::NoSuchLine)
         }),

@@ -1,0 +1,364 @@
+//! One connection of a client, without I/O: bytes in, answers out, and writes to be begun.
+//!
+//! Requests to one unit are answered in their order. While a write to it is under way the requests
+//! after it wait; those to other units don't, so that a module that does not answer holds up no
+//! other.
+
+use super::ends::{self, LastEnd};
+use super::image::{Look, UnitImage};
+use super::map::Space;
+use railbus_device::Point;
+use railbus_host::Confirmation;
+use railbus_site::CommandError;
+use railbus_wire::mbap::{self, Message};
+use railbus_wire::rtu::{self, Exception, Identification, Request};
+use railbus_wire::{Address, Decoded, Frame};
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::Arc;
+
+/// How many requests of a connection may wait for the end of a command.
+const WAITING_MAX: usize = 16;
+/// The units of the gateway itself.
+pub(super) const GATEWAY: [u8; 2] = [0, 255];
+const VENDOR: &str = "railbus";
+const VERSION: &str = env!("CARGO_PKG_VERSION");
+
+/// The units of a site, and what is asked of it when registers about a unit are read.
+pub(super) struct Units<'a> {
+    /// By their numbers.
+    pub(super) images: &'a mut BTreeMap<u8, UnitImage>,
+    /// Age, presence and round trip of a module.
+    pub(super) look: Look<'a>,
+    /// What the site is called.
+    pub(super) site: &'a str,
+}
+
+/// A write to be carried out by the site.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct UnitWrite {
+    /// The unit.
+    pub(super) unit: u8,
+    /// Its module, by name.
+    pub(super) module: Arc<str>,
+    /// The outputs, and their new states.
+    pub(super) set: Vec<(Point, bool)>,
+    /// The number of the command among those to this unit.
+    pub(super) number: u16,
+    transaction: u16,
+    /// Function, address and value or count, which the answer repeats [MODBUS §2.3] [MODBUS §2.4].
+    echo: [u8; 5],
+}
+
+/// How a write ended; an error with the digits of its code.
+pub(super) type WriteEnd = Result<Confirmation, (CommandError, u16)>;
+
+/// A request that waits until a write to its unit has ended.
+#[derive(Debug)]
+struct Held {
+    transaction: u16,
+    pdu: Vec<u8>,
+}
+
+/// The bytes are not Modbus TCP: nothing says where the next message begins [MODBUS §5.2].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct NotModbus;
+
+/// What was answered.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Answered {
+    /// With what was asked for.
+    pub(super) good: u64,
+    /// With an exception.
+    pub(super) refused: u64,
+}
+
+/// A connection.
+#[derive(Debug, Default)]
+pub(super) struct ModbusConn {
+    /// What was received and is not yet answered.
+    pub(super) received: Vec<u8>,
+    /// What is to be sent.
+    pub(super) out: Vec<u8>,
+    /// Writes to be begun.
+    pub(super) writes: VecDeque<UnitWrite>,
+    /// What was answered since this was last asked.
+    pub(super) answered: Answered,
+    /// The units with a write under way, and the requests behind it.
+    busy: BTreeMap<u8, VecDeque<Held>>,
+    /// Writes under way and requests behind them.
+    waiting: usize,
+}
+
+impl ModbusConn {
+    /// Answers what was received, as far as it is complete; the number of requests.
+    ///
+    /// # Errors
+    /// [`NotModbus`]: what came before it is answered.
+    pub(super) fn answer(&mut self, units: &mut Units<'_>) -> Result<usize, NotModbus> {
+        let received = std::mem::take(&mut self.received);
+        let (mut rest, mut count) = (&received[..], 0);
+        let end = loop {
+            match Message::decode(rest) {
+                Decoded::Partial { .. } => break Ok(count),
+                Decoded::Malformed(_) => break Err(NotModbus),
+                Decoded::Whole { len, value } => {
+                    self.take(&value, units);
+                    count += 1;
+                    rest = rest.get(len..).unwrap_or_default();
+                }
+            }
+        };
+        let done = received.len() - rest.len();
+        self.received = received;
+        self.received.drain(..done);
+        end
+    }
+
+    fn take(&mut self, message: &Message<'_>, units: &mut Units<'_>) {
+        let unit = message.unit.0;
+        match self.busy.get_mut(&unit) {
+            Some(_) if self.waiting >= WAITING_MAX => {
+                self.refuse(message.transaction, unit, message.pdu, Exception::BUSY);
+            }
+            Some(held) => {
+                self.waiting += 1;
+                held.push_back(Held {
+                    transaction: message.transaction,
+                    pdu: message.pdu.to_vec(),
+                });
+            }
+            None => self.execute(message.transaction, unit, message.pdu, units),
+        }
+    }
+
+    /// Answers a request, or begins the write that it asks for.
+    fn execute(&mut self, transaction: u16, unit: u8, pdu: &[u8], units: &mut Units<'_>) {
+        let begun = self.out.len();
+        let end = self.reply(transaction, unit, pdu, units);
+        match end {
+            Ok(()) if self.out.len() > begun => self.answered.good += 1,
+            // A write, which is answered when it has ended.
+            Ok(()) => {}
+            Err(why) => {
+                self.out.truncate(begun);
+                self.refuse(transaction, unit, pdu, why);
+            }
+        }
+    }
+
+    /// Answers with an exception [MODBUS §2.6].
+    fn refuse(&mut self, transaction: u16, unit: u8, pdu: &[u8], why: Exception) {
+        let function = pdu.first().copied().unwrap_or_default();
+        self.out.extend_from_slice(&mbap::header(transaction, 3));
+        self.out.extend_from_slice(&[unit, function | 0x80, why.0]);
+        self.answered.refused += 1;
+    }
+
+    fn reply(
+        &mut self,
+        transaction: u16,
+        unit: u8,
+        pdu: &[u8],
+        units: &mut Units<'_>,
+    ) -> Result<(), Exception> {
+        let exchange = rtu::Exchange::decode_pdu(Address(unit), pdu);
+        let request = match &exchange {
+            Ok(exchange) => &exchange.request,
+            Err(error) => {
+                let exception = error.exception();
+                return Err(exception.map_or(Exception::FUNCTION, |(_, _, why)| why));
+            }
+        };
+        let Some(image) = units.images.get_mut(&unit) else {
+            return match (GATEWAY.contains(&unit), request) {
+                (true, Request::Identify { code, object }) => {
+                    let said = [VENDOR, VENDOR, VERSION, units.site];
+                    self.identify(transaction, unit, (*code, *object), said)
+                }
+                (true, _) => Err(Exception::FUNCTION),
+                (false, _) => Err(Exception::PATH),
+            };
+        };
+        let (space, span) = match request {
+            Request::ReadCoils(span) => (Space::Coils, (span.start(), span.count())),
+            Request::ReadDiscreteInputs(span) => {
+                (Space::DiscreteInputs, (span.start(), span.count()))
+            }
+            Request::ReadHoldingRegisters(span) => {
+                (Space::HoldingRegisters, (span.start(), span.count()))
+            }
+            Request::ReadInputRegisters(span) => {
+                (Space::InputRegisters, (span.start(), span.count()))
+            }
+            Request::WriteCoil { .. }
+            | Request::WriteRegister { .. }
+            | Request::WriteCoils(_)
+            | Request::WriteRegisters(_) => {
+                let set = image.writes(request)?;
+                return self.begin(transaction, unit, pdu, (image, set));
+            }
+            Request::Identify { code, object } => {
+                let model = image.setup.family.profile().model;
+                let said = [VENDOR, model, VERSION, &image.module];
+                return self.identify(transaction, unit, (*code, *object), said);
+            }
+            Request::Diagnose { .. } => return Err(Exception::FUNCTION),
+        };
+        let begun = self.open(transaction, unit, request.function().code());
+        match space {
+            Space::Coils | Space::DiscreteInputs => image.read_bits(space, span, &mut self.out),
+            Space::HoldingRegisters | Space::InputRegisters => {
+                image.read_words(space, span, units.look, &mut self.out)
+            }
+        }?;
+        self.close(transaction, begun);
+        Ok(())
+    }
+
+    /// Begins a message; its length is not known yet.
+    fn open(&mut self, transaction: u16, unit: u8, function: u8) -> usize {
+        let begun = self.out.len();
+        self.out.extend_from_slice(&mbap::header(transaction, 0));
+        self.out.extend_from_slice(&[unit, function]);
+        begun
+    }
+
+    /// Ends the message that began here.
+    fn close(&mut self, transaction: u16, begun: usize) {
+        let inside = self.out.len() - begun - mbap::HEADER;
+        let header = self.out.get_mut(begun..begun + mbap::HEADER);
+        if let Some(header) = header {
+            header.copy_from_slice(&mbap::header(transaction, inside));
+        }
+    }
+
+    /// Vendor, product, revision and name [BEYOND §5].
+    fn identify(
+        &mut self,
+        transaction: u16,
+        unit: u8,
+        (code, object): (u8, u8),
+        said: [&str; 4],
+    ) -> Result<(), Exception> {
+        const NUMBERS: [u8; 4] = [
+            Identification::VENDOR,
+            Identification::PRODUCT,
+            Identification::REVISION,
+            Identification::NAME,
+        ];
+        let all: Vec<(u8, &str)> = NUMBERS.into_iter().zip(said).collect();
+        let from = |objects: &[(u8, &'_ str)]| -> Vec<(u8, String)> {
+            let wanted = objects.iter().filter(|(number, _)| *number >= object);
+            let ascii = |text: &str| {
+                text.chars()
+                    .filter(char::is_ascii_graphic)
+                    .take(48)
+                    .collect()
+            };
+            wanted
+                .map(|(number, text)| (*number, ascii(text)))
+                .collect()
+        };
+        let objects = match code {
+            1 => from(all.get(..3).unwrap_or_default()),
+            2 | 3 => from(&all),
+            4 => {
+                let mut one = from(&all);
+                one.retain(|(number, _)| *number == object);
+                one
+            }
+            _ => return Err(Exception::VALUE),
+        };
+        if objects.is_empty() {
+            return Err(Exception::ADDRESS);
+        }
+        let texts: Vec<(u8, &str)> = objects
+            .iter()
+            .map(|(number, text)| (*number, text.as_str()))
+            .collect();
+        let mut frame = Frame::new();
+        rtu::encode_identification(Address(unit), code, &texts, &mut frame);
+        // Without its CRC.
+        let inside = frame.bytes();
+        let inside = inside.get(..inside.len().saturating_sub(2));
+        let inside = inside.unwrap_or_default();
+        self.out
+            .extend_from_slice(&mbap::header(transaction, inside.len()));
+        self.out.extend_from_slice(inside);
+        Ok(())
+    }
+
+    fn begin(
+        &mut self,
+        transaction: u16,
+        unit: u8,
+        pdu: &[u8],
+        (image, set): (&mut UnitImage, Vec<(Point, bool)>),
+    ) -> Result<(), Exception> {
+        if self.waiting >= WAITING_MAX {
+            return Err(Exception::BUSY);
+        }
+        // Every write has these [MODBUS §2.3].
+        let echo = *pdu.first_chunk::<5>().ok_or(Exception::VALUE)?;
+        let [_, high, low, ..] = echo;
+        let last = &mut image.last;
+        last.number = last.number.wrapping_add(1);
+        (last.end, last.code) = (LastEnd::UnderWay, 0);
+        last.at = u16::from_be_bytes([high, low]);
+        self.writes.push_back(UnitWrite {
+            unit,
+            module: Arc::clone(&image.module),
+            set,
+            number: last.number,
+            transaction,
+            echo,
+        });
+        self.busy.insert(unit, VecDeque::new());
+        self.waiting += 1;
+        Ok(())
+    }
+
+    /// A write has ended: answers it, and what waited for it.
+    pub(super) fn ended(&mut self, write: &UnitWrite, end: &WriteEnd, units: &mut Units<'_>) {
+        self.waiting = self.waiting.saturating_sub(1);
+        let (told, code) = match end {
+            Ok(confirmed) => (LastEnd::from(*confirmed), 0),
+            Err((failure, code)) => (ends::of_failure(failure).1, *code),
+        };
+        // Not where another command to the unit has begun meanwhile, over another connection.
+        if let Some(image) = units.images.get_mut(&write.unit)
+            && image.module == write.module
+            && image.last.number == write.number
+        {
+            (image.last.end, image.last.code) = (told, code);
+        }
+        match end {
+            Ok(_) => {
+                let header = mbap::header(write.transaction, 1 + write.echo.len());
+                self.out.extend_from_slice(&header);
+                self.out.push(write.unit);
+                self.out.extend_from_slice(&write.echo);
+                self.answered.good += 1;
+            }
+            Err((failure, _)) => {
+                let (why, _) = ends::of_failure(failure);
+                self.refuse(write.transaction, write.unit, &write.echo, why);
+            }
+        }
+        let mut held = self.busy.remove(&write.unit).unwrap_or_default();
+        while let Some(next) = held.pop_front() {
+            self.waiting = self.waiting.saturating_sub(1);
+            self.execute(next.transaction, write.unit, &next.pdu, units);
+            if let Some(behind) = self.busy.get_mut(&write.unit) {
+                // It is a write itself.
+                *behind = held;
+                return;
+            }
+        }
+    }
+
+    /// Whether a message is incomplete.
+    pub(super) fn is_partial(&self) -> bool {
+        !self.received.is_empty()
+    }
+}

@@ -1,0 +1,136 @@
+//! Modbus TCP: every module is a unit that any master can read and switch, whatever it speaks on
+//! its line.
+//!
+//! Reads are answered from what is known, and only while that is good. Writes are commands of the
+//! site, and are answered with their true end.
+//!
+//! - Its settings, and which module is which unit: `settings`.
+//! - Which coil or register is which point: `map`. What is known of the points, and answers to
+//!   reads: `image`.
+//! - One connection, without I/O: `conn`. Sockets and limits: `server`.
+//! - How a command ended, in Modbus' codes: `ends`.
+
+mod conn;
+mod ends;
+mod image;
+mod map;
+mod server;
+mod settings;
+#[cfg(test)]
+mod tests;
+
+use super::kind::{Field, OutletKind, Pair, Shape};
+use super::outlet::Outlet;
+use railbus_api::problem::{Problem, codes};
+use railbus_site::{WITHIN_MAX, WITHIN_MIN};
+use std::net::SocketAddr;
+
+/// Modbus TCP, as a server.
+pub(super) static KIND: OutletKind = OutletKind {
+    notes: NOTES,
+    check: settings::check,
+    ..OutletKind::new(
+        "modbus_tcp",
+        WORDS,
+        FIELDS,
+        |outlet, _| Box::pin(server::run(outlet)),
+        |outlet| Box::pin(server::test(outlet)),
+    )
+};
+
+const WORDS: (Pair, Pair) = (
+    ["Modbus TCP server", "Modbus TCP 服务器"],
+    [
+        "SCADA systems and PLCs read and switch every module as a Modbus unit, whatever protocol \
+         the module speaks.",
+        "SCADA 和 PLC 可将每个模块作为一个 Modbus 单元读取和操作，与模块自身的协议无关。",
+    ],
+);
+
+const NOTES: &[Pair] = &[
+    [
+        "The unit number is the module's address. Modules that speak Modbus keep the coils and \
+         registers of their datasheets; others have outputs as coils from 0, inputs as discrete \
+         inputs from 0, and analog values as input registers from 0.",
+        "单元号即模块地址。使用 Modbus 的模块保持说明书中的线圈和寄存器；其他模块的输出为从 0 开始的线圈，\
+         输入为从 0 开始的离散输入，模拟量为从 0 开始的输入寄存器。",
+    ],
+    [
+        "A value that is not known at the moment is never sent: exception 0B says that the module \
+         does not answer or its value is too old, 0A that its line is not available. A write is \
+         answered when its end is known; exception 0B then says that it may have acted.",
+        "当前未知的值绝不发送：异常码 0B 表示模块无应答或数值已过期，0A 表示总线不可用。写操作在结果确定后才应答；\
+         此时异常码 0B 表示可能已执行。",
+    ],
+];
+
+/// Where it listens if nothing else is said.
+const LISTEN: &str = "127.0.0.1:1502";
+
+const FIELDS: &[Field] = &[
+    Field::new("listen", ["Listen at", "监听地址"], Shape::Text(64)).with_hint([
+        "Address and port; 127.0.0.1:1502 if left empty. 0.0.0.0:502 for other machines",
+        "地址和端口；留空为 127.0.0.1:1502。供其他机器访问时填 0.0.0.0:502",
+    ]),
+    Field::new("allow", ["May connect", "允许连接的网络"], Shape::Texts).with_hint([
+        "Networks such as 192.168.1.0/24, with commas. Needed if other machines are to connect: \
+         Modbus TCP has no password",
+        "网络，如 192.168.1.0/24，用逗号分隔。供其他机器访问时必填：Modbus TCP 没有密码",
+    ]),
+    Field::new("write", ["May switch", "允许操作的输出"], Shape::Points).with_hint([
+        "Outputs such as oven.k1, oven or *; none if left empty",
+        "输出，如 oven.k1、oven 或 *；留空则均不可操作",
+    ]),
+    Field::new("modules", ["Modules", "模块"], Shape::Modules),
+    Field::new("units", ["Unit numbers", "单元号"], Shape::Texts).with_hint([
+        "Only for modules whose address is not their unit number: pump=4, oven=5",
+        "仅用于单元号不同于地址的模块：pump=4, oven=5",
+    ]),
+    Field::new(
+        "map",
+        ["Coils and registers", "线圈与寄存器"],
+        Shape::Choice(MAPS),
+    ),
+    Field::new(
+        "within_ms",
+        [
+            "A command must be sent within (ms)",
+            "命令须在此时间内发出（毫秒）",
+        ],
+        Shape::Number(millis(WITHIN_MIN), millis(WITHIN_MAX), 5_000),
+    )
+    .with_hint([
+        "Not longer than the client waits for its answer",
+        "不应长于客户端等待应答的时间",
+    ]),
+];
+
+const MAPS: &[(&str, Pair)] = &[
+    (
+        "own",
+        [
+            "As in the datasheet, where the module speaks Modbus",
+            "模块使用 Modbus 时按其说明书",
+        ],
+    ),
+    ("uniform", ["The same for all modules", "所有模块相同"]),
+];
+
+const fn millis(time: railbus_wire::Micros) -> i64 {
+    (time.0 / 1_000) as i64
+}
+
+/// It can't listen, or nothing listens there.
+fn not_listening(listen: SocketAddr, why: impl ToString) -> Problem {
+    let problem = Problem::new(codes::OUTLET_LISTEN).with("listen", listen.to_string());
+    problem.with("reason", why.to_string())
+}
+
+impl Outlet {
+    /// Where it listens.
+    fn listen(&self) -> SocketAddr {
+        let listen = settings::listen(&self.settings.borrow());
+        // Nothing else passes the check of a configuration.
+        listen.unwrap_or_else(|| SocketAddr::from(([127, 0, 0, 1], 1_502)))
+    }
+}
