@@ -141,9 +141,14 @@ impl Context {
         let bound = self.bound(terms);
         let (mut done, items) = self.with(|state| state.checked(who, set, terms));
         if !terms.all_or_nothing || items.is_empty() {
-            self.switch_in_turn(who, &mut done, &items, bound, &Held::Not(since))
+            if !self.with(|state| state.exclude_each_other(&items)) {
+                self.switch_at_once(who, &mut done, &items, bound, &Held::Not(since))
+                    .await;
+                return done;
+            }
+            return self
+                .batch_in_steps(who, set, (done, items), bound, &since)
                 .await;
-            return done;
         }
         let places: Vec<Place> = items.iter().map(|item| item.1.clone()).collect();
         // Before the turn: nobody has to wait while a silent module is read.
@@ -168,6 +173,37 @@ impl Context {
         }
     }
 
+    /// Switches outputs that exclude each other: what goes on waits for what goes off. Its turn is
+    /// taken with that of the others, so that a command that comes meanwhile is the later one.
+    async fn batch_in_steps(
+        &self,
+        who: &Who,
+        set: &[(Place, bool)],
+        (mut done, items): (BatchDone, Vec<Item>),
+        bound: Bound,
+        since: &Config,
+    ) -> BatchDone {
+        let places: Vec<Place> = items.iter().map(|item| item.1.clone()).collect();
+        match self.turn_since(since, places, bound.expires).await {
+            Ok(turn) => {
+                // Meanwhile the configuration may have changed.
+                let (mut done, items) = self.with(|state| state.checked(who, set, bound.terms));
+                let held = Held::Each(Arc::new(turn));
+                self.switch_in_turn(who, &mut done, &items, bound, &held)
+                    .await;
+                done
+            }
+            Err(fault) => {
+                for (number, ..) in items {
+                    if let Some(part) = done.parts.get_mut(number) {
+                        part.end = Err(fault.into());
+                    }
+                }
+                done
+            }
+        }
+    }
+
     async fn all_or_nothing(
         &self,
         who: &Who,
@@ -180,7 +216,12 @@ impl Context {
         // A pulse of the module's own is over with the first command, and is not begun again: the
         // output goes where it would have gone. One that ended since the outputs were asked for was
         // read before its end.
-        before.extend(self.with(|state| state.own_pulses_of(items, asked)));
+        for (place, end) in self.with(|state| state.own_pulses_of(items, asked)) {
+            match end {
+                Some(end) => _ = before.insert(place, end),
+                None => _ = before.remove(&place),
+            }
+        }
         let cut = self.with(|state| state.own_pulses_of(items, state.now.site));
         self.switch_in_turn(who, &mut done, items, bound, &held)
             .await;
@@ -543,11 +584,11 @@ impl State {
     }
 
     /// The pulses of these that their modules time and that end later than this, and the states
-    /// after them.
-    fn own_pulses_of(&self, items: &[Item], than: Micros) -> States {
+    /// after them; none where that is not known.
+    fn own_pulses_of(&self, items: &[Item], than: Micros) -> BTreeMap<Place, Option<bool>> {
         let pulses = items.iter().filter_map(|(_, place, _)| {
-            let (until, end) = self.own_pulses.get(place)?;
-            (*until > than).then(|| (place.clone(), *end))
+            let pulse = self.own_pulses.get(place)?;
+            (pulse.until > than).then(|| (place.clone(), pulse.end))
         });
         pulses.collect()
     }

@@ -6,7 +6,7 @@ use super::OpenAuditEntry;
 use super::commands::Command;
 use super::context::Context;
 use super::promises::Why;
-use super::state::State;
+use super::state::{OwnPulse, State};
 use super::turns::Turn;
 use super::within::TTL;
 use crate::config::{Place, Safety};
@@ -145,7 +145,7 @@ impl Context {
         let states = self.with(|state| {
             state.note_fault(module, &end);
             state.release(module, &effect, acted, &limits);
-            state.note_own_pulse(module, points, order.op, acted);
+            state.note_own_pulse(module, points, (order.op, acted), &end);
             state.states(module, &after)
         });
         let ended = end_of(&end);
@@ -356,18 +356,46 @@ impl State {
 
     /// Takes note of a pulse that a module times by itself. Any later command for the output ends
     /// it there [R55 §2.14].
-    fn note_own_pulse(&mut self, module: &str, points: &[Point], op: Op, acted: Acted) {
+    fn note_own_pulse(
+        &mut self,
+        module: &str,
+        points: &[Point],
+        (op, acted): (Op, Acted),
+        end: &Result<Done, Fault>,
+    ) {
+        if acted == Acted::No {
+            return;
+        }
+        let is_certain = matches!(end, Ok(done) if done.confirmed != Confirmation::Sent);
         let now = self.now.site;
         for place in places(module, points) {
-            match (op, acted) {
-                (_, Acted::No) => {}
-                (Op::Jog { close, millis, .. }, Acted::Perhaps | Acted::Surely) => {
+            let before = self.own_pulses.get(&place).map(|pulse| pulse.until);
+            match op {
+                Op::Jog { close, millis, .. } => {
                     let until = now + Micros::from_millis(u64::from(millis.get()));
-                    self.own_pulses.insert(place, (until, !close));
+                    let pulse = match is_certain {
+                        true => OwnPulse {
+                            until,
+                            end: Some(!close),
+                        },
+                        false => OwnPulse {
+                            until: before.map_or(until, |before| before.max(until)),
+                            end: None,
+                        },
+                    };
+                    self.own_pulses.insert(place, pulse);
                 }
-                (_, Acted::Surely) => _ = self.own_pulses.remove(&place),
-                (_, Acted::Perhaps) => {}
+                _ if is_certain => _ = self.own_pulses.remove(&place),
+                _ => self.doubt_own_pulses(|other| *other == place),
             }
+        }
+    }
+
+    /// Something may have ended the pulses that modules time by themselves at these outputs, or has
+    /// begun others.
+    pub(super) fn doubt_own_pulses(&mut self, of: impl Fn(&Place) -> bool) {
+        for (_, pulse) in self.own_pulses.iter_mut().filter(|(place, _)| of(place)) {
+            pulse.end = None;
         }
     }
 

@@ -2,7 +2,7 @@
 //! other, turns that are given back, ends that are put forward, a site that closes.
 
 use super::super::*;
-use super::world::{World, at, bit, k, ms, who_is};
+use super::world::{Faults, World, at, bit, k, ms, who_is};
 use crate::CommandError;
 use railbus_host::Fault;
 
@@ -152,9 +152,65 @@ fn an_undone_batch_does_not_bring_back_a_pulse_that_ended_meanwhile() {
             all_or_nothing: true,
             ..BatchTerms::default()
         };
-        world.order(move |core| async move { core.batch(&who_is("li"), &set, terms).await });
+        let done =
+            world.order(move |core| async move { core.batch(&who_is("li"), &set, terms).await });
         world.pass(ms(10_000));
         assert_eq!(world.relays("gate"), 0, "{after} ms");
+        let end = done.now().parts[0].end.clone();
+        // A pulse that ended before the first command was not cut short.
+        let is_over = after >= 1_000;
+        assert!(!is_over || end == Err(CommandError::Undone), "{after} ms");
+        assert!(matches!(
+            end,
+            Err(CommandError::Undone | CommandError::NotUndone)
+        ));
+    }
+}
+
+/// A later command that was not read back has ended the pulse as well, or perhaps has: what the
+/// output was before the batch is what was read of it, or is not known.
+#[test]
+fn an_undone_batch_does_not_bring_back_the_end_of_a_pulse_that_was_taken_over() {
+    for is_acknowledged in [true, false] {
+        for after in (0..1_500).step_by(10) {
+            let gate = "[module.gate]\nline = \"main\"\nmodel = \"r55\"\naddress = 4\n";
+            let mut world = site(&format!("{OVEN}{gate}"));
+            world.pass(ms(500));
+            let begun = world.pulse("li", ("gate", 1), pulse(1_000));
+            world.pass(ms(200));
+            assert_eq!(begun.now().unwrap().by, By::Device);
+            if is_acknowledged {
+                world.only_acknowledged = true;
+            } else {
+                world.faults.reply_lost = 1;
+            }
+            let on = world.write("wang", ("gate", 1), true);
+            world.pass(ms(200));
+            world.only_acknowledged = false;
+            world.faults = Faults::default();
+            assert!(on.now().is_ok() || !is_acknowledged);
+            world.pass(ms(after));
+            let before = world.relays("gate");
+            world.dead("oven", true);
+            let set = [(at("gate", 1), true), (at("oven", 1), true)];
+            let terms = BatchTerms {
+                all_or_nothing: true,
+                ..BatchTerms::default()
+            };
+            let done = world
+                .order(move |core| async move { core.batch(&who_is("li"), &set, terms).await });
+            world.pass(ms(10_000));
+            let end = done.now().parts[0].end.clone();
+            let is_as_before = world.relays("gate") == before;
+            assert!(
+                end != Err(CommandError::Undone) || is_as_before,
+                "{after} ms"
+            );
+            assert!(
+                !is_acknowledged || end == Err(CommandError::Undone),
+                "{after} ms"
+            );
+        }
     }
 }
 
@@ -186,6 +242,31 @@ fn a_group_is_toggled_from_what_it_is_in_its_turn() {
         assert_eq!(world.relays("oven"), wanted);
         assert_eq!(world.relays("pump"), wanted);
     }
+}
+
+/// Its outputs are no longer leased, and nothing ends what the second toggle began.
+#[test]
+fn a_group_that_is_toggled_takes_its_outputs_over() {
+    let mut world = site(&format!("{OVEN}{FAR}{BOTH}"));
+    let leased = world.lease("li", ("oven", 1), (true, ms(5_000)));
+    world.pass(ms(500));
+    assert!(leased.now().is_ok());
+    for wanted in [0, bit(1)] {
+        let toggled = toggle(&mut world);
+        world.pass(ms(1_000));
+        assert!(
+            toggled
+                .now()
+                .unwrap()
+                .parts
+                .iter()
+                .all(|part| part.end.is_ok())
+        );
+        assert_eq!(world.relays("oven"), wanted);
+    }
+    world.pass(ms(10_000));
+    assert_eq!(world.relays("oven"), bit(1));
+    assert!(world.disk.is_empty(), "nothing is promised");
 }
 
 /// One line is slow: the outputs of the other are free as soon as they are switched.

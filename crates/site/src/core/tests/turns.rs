@@ -180,3 +180,40 @@ fn a_batch_that_is_tried_in_parts_goes_before_later_commands() {
         assert!(after > 0 || is_later, "none came while the batch went on");
     }
 }
+
+/// A batch whose outputs exclude each other takes two steps, and has the turn of the second from the
+/// beginning: a command that came later is the later one, and so is the end of its pulse.
+#[test]
+fn a_batch_in_two_steps_goes_before_later_commands() {
+    for after in 0..150 {
+        for is_pulse in [false, true] {
+            let text = format!("{TEXT}[module.oven.point]\nk2.interlock = [\"oven.k1\"]\n");
+            let mut world = World::new(&text, 1);
+            world.pass(ms(300));
+            let excludes = world.write("li", ("oven", 1), true);
+            world.pass(ms(500));
+            assert!(excludes.now().is_ok());
+            let set = [(1, false), (2, true), (6, true)];
+            let set = set.map(|(number, on)| (at("oven", number), on));
+            let batch = world.order(move |core| async move {
+                core.batch(&who_is("li"), &set, BatchTerms::default()).await
+            });
+            world.pass(ms(after));
+            if is_pulse {
+                let pulse = Pulse {
+                    width: Some(ms(1_000)),
+                    ..Pulse::default()
+                };
+                let later = world.pulse("wang", ("oven", 6), pulse);
+                world.pass(ms(10_000));
+                assert!(later.now().is_ok());
+            } else {
+                let later = world.write("wang", ("oven", 6), false);
+                world.pass(ms(2_000));
+                assert!(later.now().is_ok());
+            }
+            assert!(batch.now().parts.iter().all(|part| part.end.is_ok()));
+            assert_eq!(world.relays("oven"), bit(2), "{after} ms, {is_pulse}");
+        }
+    }
+}
