@@ -28,8 +28,9 @@ pub(super) struct Schedule {
     off: Vec<(Place, Promise)>,
     /// What the names of modules stand for.
     boards: Boards,
-    /// What was promised of boards that have another name or none now, until that is told.
-    dropped: Vec<(Key, Board)>,
+    /// What was promised of boards that have another name or none now, until that is told. The
+    /// disk has it as long.
+    dropped: Vec<(Key, Promise, Board)>,
     /// How many are seen to.
     running: usize,
     /// Who waits until none is.
@@ -105,7 +106,7 @@ impl Schedule {
             if let Some(board) = board
                 && boards.get(&key.0.module) != Some(&board)
             {
-                schedule.dropped.push((key, board));
+                schedule.dropped.push((key, promise, board));
                 continue;
             }
             match key.1 {
@@ -154,7 +155,13 @@ impl Schedule {
 
     /// What was promised of boards that have another name or none now; told once.
     pub(super) fn take_dropped(&mut self) -> Vec<(Key, Board)> {
-        std::mem::take(&mut self.dropped)
+        let dropped = std::mem::take(&mut self.dropped);
+        if !dropped.is_empty() {
+            self.disk.version += 1;
+            self.disk.soon = true;
+        }
+        let told = dropped.into_iter().map(|(key, _, board)| (key, board));
+        told.collect()
     }
 
     /// What is to be done to these outputs can't be done any more: their boards, which are these,
@@ -166,8 +173,9 @@ impl Schedule {
                 && action.is_to_be_done()
                 && is_other(&key.0)
             {
-                let one = (key.clone(), board.clone());
-                if !self.dropped.contains(&one) {
+                let is_there = |(other, _, at): &(Key, Promise, Board)| other == key && at == board;
+                if !self.dropped.iter().any(is_there) {
+                    let one = (key.clone(), action.promise, board.clone());
                     self.dropped.push(one);
                 }
             }
@@ -338,7 +346,9 @@ impl Schedule {
             let board = self.boards.get(&key.0.module).cloned();
             (key, promise, board)
         });
-        each.collect()
+        let dropped = self.dropped.iter().cloned();
+        let dropped = dropped.map(|(key, promise, board)| (key, promise, Some(board)));
+        each.chain(dropped).collect()
     }
 
     /// The site is being closed: whoever sees to something is told.
@@ -455,7 +465,7 @@ impl State {
             }
         }
         self.schedule.disk.version += 1;
-        self.schedule.disk.soon |= !begun.is_empty() || !self.schedule.dropped.is_empty();
+        self.schedule.disk.soon |= !begun.is_empty();
         begun
     }
 
