@@ -429,7 +429,10 @@ mod tests {
         assert!(log.patience() < Duration::from_secs(1));
         let done = service.write("oven", &set, terms).await.unwrap();
         drop(goes_on);
-        // By now the log has both, and what comes is written again.
+        // Read by the log's thread, which has written both before. What comes is written again, and
+        // waited for as long as on any disk.
+        log.page(None, 1, Default::default()).await.unwrap();
+        log.require(true);
         let next = service.write("oven", &set, terms).await.unwrap();
         assert!(!log.is_failing());
         let mut told = Vec::new();
