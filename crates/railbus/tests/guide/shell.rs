@@ -1,10 +1,12 @@
 //! The reader's shell: its own folder, the program in the path.
 //!
-//! Where a page has `/tmp/`, a reader's files are; here that is the folder, and [`ADDRESS`] is
-//! replaced by a free port, so that pages tested at the same time do not collide.
+//! Where a page has `/tmp/`, a reader's files are; here that is the folder, and [`ADDRESS`] and
+//! [`MODBUS_PORT`] are replaced by free ports, so that pages tested at the same time do not
+//! collide.
 
 use crate::websocket::Client;
 use std::io::{BufRead, BufReader};
+use std::net::{Ipv4Addr, TcpListener};
 use std::os::unix::net::UnixStream;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
@@ -15,11 +17,14 @@ use std::time::Duration;
 const ADDRESS: &str = "127.0.0.1:7485";
 /// Before it has printed where it does.
 const ANY_PORT: &str = "127.0.0.1:0";
+/// Where the Modbus TCP server of a page listens.
+const MODBUS_PORT: &str = "1502";
 
 pub(crate) struct Shell {
     folder: PathBuf,
     lang: String,
     address: String,
+    modbus_port: String,
     background: Vec<Child>,
 }
 
@@ -44,6 +49,7 @@ impl Shell {
             folder,
             lang: lang.to_owned(),
             address: ANY_PORT.to_owned(),
+            modbus_port: free_port(count).to_string(),
             background: Vec::new(),
         }
     }
@@ -104,7 +110,9 @@ impl Shell {
 
     /// Replaces what a page shows by what is used here.
     fn here(&self, text: &str) -> String {
-        text.replace("/tmp/", &format!("{}/", self.folder.display()))
+        // The folder may have these digits in its name.
+        text.replace(MODBUS_PORT, &self.modbus_port)
+            .replace("/tmp/", &format!("{}/", self.folder.display()))
             .replace(ADDRESS, &self.address)
     }
 
@@ -113,7 +121,11 @@ impl Shell {
         let folder = self.folder.display().to_string();
         let text = text
             .replace(&format!("{folder}/"), "/tmp/")
-            .replace(&folder, "/tmp");
+            .replace(&folder, "/tmp")
+            .replace(
+                &format!("127.0.0.1:{}", self.modbus_port),
+                &format!("127.0.0.1:{MODBUS_PORT}"),
+            );
         match self.address == ANY_PORT {
             true => text,
             false => text.replace(&self.address, ADDRESS),
@@ -141,4 +153,13 @@ impl Shell {
             .env_remove("RAILBUS_CONFIG");
         shell
     }
+}
+
+/// A free port for the shell with this number. The system gives none below 32768 to those who ask
+/// for any.
+fn free_port(count: u32) -> u16 {
+    let first = std::process::id().wrapping_mul(64).wrapping_add(count) % 12_000;
+    let mut ports = (first..first + 64).map(|port| 20_000 + port as u16);
+    let is_free = |port: &u16| TcpListener::bind((Ipv4Addr::LOCALHOST, *port)).is_ok();
+    ports.find(is_free).expect("a free port")
 }
