@@ -145,26 +145,29 @@ pub fn reason(lang: Lang, kind: &Invalid) -> String {
         ]),
         Invalid::BadUnit => fixed([
             "write a module and its unit, 1 to 247: \"pump=4\"",
-            "应写模块及其单元号（1 至 247）：\"pump=4\"",
+            "应写模块名称和单元号（1 至 247），如 \"pump=4\"",
         ]),
         Invalid::NeedsUnit(module) => both(
             format!(
-                "the address of \"{module}\" can't be a unit: write \"{module}=N\", N from 1 to 247"
+                "the address of \"{module}\" can't be a unit number: add \"{module}=N\" to \
+                 units, N from 1 to 247"
             ),
-            format!("\"{module}\" 的地址不能作为单元号：写作 \"{module}=N\"，N 为 1 至 247"),
+            format!(
+                "\"{module}\" 的地址不能作为单元号：请在 units 中加上 \"{module}=N\"，N 为 1 至 247"
+            ),
         ),
         Invalid::UnitTaken(unit, [first, second]) => both(
             format!(
-                "\"{first}\" and \"{second}\" are both unit {unit}: give one another, \
-                 \"{second}=N\""
+                "\"{first}\" and \"{second}\" are both unit {unit}: give one of them another \
+                 number, such as \"{second}=N\""
             ),
             format!(
-                "\"{first}\" 与 \"{second}\" 的单元号都是 {unit}：请为其一另指定，如 \"{second}=N\""
+                "\"{first}\" 与 \"{second}\" 的单元号都是 {unit}：请为其中一个另指定单元号，如 \"{second}=N\""
             ),
         ),
         Invalid::Unguarded => fixed([
-            "other machines could connect without a password: say which may, in \"allow\"",
-            "其他机器无需密码即可连接：请在 \"allow\" 中写明允许的网络",
+            "other machines could connect without a password: name those that may in \"allow\"",
+            "其他机器无需密码即可连接：请在 \"allow\" 中写明允许哪些机器",
         ]),
         Invalid::NotAnInput => fixed([
             "this is no input; only inputs are moved from outside",

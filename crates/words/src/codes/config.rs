@@ -435,29 +435,29 @@ codes! {
             "指明站点：--socket 使用该守护进程，--config 使用此文件"],
     }
     ConfigListen = "E0885" {
-        title: ["not an address to listen at, or not a network", "不是监听地址或网络"],
+        title: ["not a valid listening address or network", "监听地址或网络的写法不对"],
         likely: ["the port is missing · a name in place of a number", "缺少端口 · 写了名称而不是数字"],
         next: ["write 127.0.0.1:1502, or a network such as 192.168.1.0/24",
             "应写为 127.0.0.1:1502，或网络如 192.168.1.0/24"],
     }
     ConfigUnit = "E0886" {
-        title: ["not a Modbus unit of a module", "不是模块的 Modbus 单元号"],
-        likely: ["units are 1 to 247, and the module's address is another number · a typing \
-            mistake",
-            "单元号为 1 至 247，而模块地址不在其中 · 输入错误"],
-        next: ["write units = [\"pump=4\"]", "写作 units = [\"pump=4\"]"],
+        title: ["a module has no valid Modbus unit number", "模块的 Modbus 单元号无效"],
+        likely: ["the module's address is not from 1 to 247 · a typing mistake",
+            "模块地址不在 1 至 247 之内 · 输入错误"],
+        next: ["give it a number from 1 to 247: units = [\"MODULE=N\"]",
+            "指定 1 至 247 的单元号：units = [\"模块=N\"]"],
     }
     ConfigUnitTaken = "E0887" {
-        title: ["two modules have the same Modbus unit", "两个模块的 Modbus 单元号相同"],
+        title: ["two modules have the same Modbus unit number", "两个模块的 Modbus 单元号相同"],
         likely: ["they are on different lines and have the same address", "它们在不同总线上，地址相同"],
-        next: ["give one of them another unit: units = [\"pump=4\"]",
-            "为其一另指定单元号：units = [\"pump=4\"]"],
+        next: ["give one of them another number: units = [\"MODULE=N\"]",
+            "为其中一个另指定单元号：units = [\"模块=N\"]"],
     }
     ConfigUnguarded = "E0888" {
         title: ["other machines could connect without a password", "其他机器无需密码即可连接"],
         likely: ["it listens beyond this machine, and \"allow\" is missing",
             "监听范围超出本机，且没有 \"allow\""],
-        next: ["add allow = [\"192.168.1.0/24\"], or listen at 127.0.0.1",
+        next: ["add allow = [\"192.168.1.0/24\"], or listen at 127.0.0.1 only",
             "加上 allow = [\"192.168.1.0/24\"]，或只监听 127.0.0.1"],
     }
     ConfigFault = "E0890" {
@@ -489,9 +489,9 @@ codes! {
         next: ["compare with a copy: railbus audit export", "与备份比对：railbus audit export"],
     }
     OutletListen = "E0895" {
-        title: ["the integration can't listen at its address", "集成无法在其地址上监听"],
-        likely: ["another program has the port · ports below 1024 need a right · this machine has \
-            no such address",
+        title: ["the integration is not listening at its address", "集成未在其地址上监听"],
+        likely: ["another program has the port · ports below 1024 need a permission · this machine \
+            has no such address",
             "端口被其他程序占用 · 1024 以下的端口需要权限 · 本机没有该地址"],
         next: ["find the program with ss -ltnp, or use another port such as 1502",
             "用 ss -ltnp 查找占用的程序，或换用其他端口，如 1502"],

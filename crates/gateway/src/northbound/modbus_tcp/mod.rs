@@ -49,18 +49,19 @@ const WORDS: (Pair, Pair) = (
 
 const NOTES: &[Pair] = &[
     [
-        "The unit number is the module's address. Modules that speak Modbus keep the coils and \
+        "The unit number is the module's address. Modules that speak Modbus RTU keep the coils and \
          registers of their datasheets; others have outputs as coils from 0, inputs as discrete \
-         inputs from 0, and analog values as input registers from 0.",
-        "单元号即模块地址。使用 Modbus 的模块保持说明书中的线圈和寄存器；其他模块的输出为从 0 开始的线圈，\
-         输入为从 0 开始的离散输入，模拟量为从 0 开始的输入寄存器。",
+         inputs from 0, and analog values as input registers from 0. Addresses count from 0.",
+        "单元号即模块地址。使用 Modbus RTU 的模块保持说明书中的线圈和寄存器；其他模块的输出为从 0 开始的线圈，\
+         输入为从 0 开始的离散输入，模拟量为从 0 开始的输入寄存器。地址从 0 开始。",
     ],
     [
-        "A value that is not known at the moment is never sent: exception 0B says that the module \
-         does not answer or its value is too old, 0A that its line is not available. A write is \
-         answered when its end is known; exception 0B then says that it may have acted.",
-        "当前未知的值绝不发送：异常码 0B 表示模块无应答或数值已过期，0A 表示总线不可用。写操作在结果确定后才应答；\
-         此时异常码 0B 表示可能已执行。",
+        "A value that is not known is never sent: exception 0B says that the module does not \
+         answer or its value is too old, 0A that there is no such unit or its line is not \
+         available. A write is answered when it has ended. To a write, 0B means that it may have \
+         acted: read before you repeat it.",
+        "未知的值绝不发送：异常码 0B 表示模块无应答或数值已过期，0A 表示没有该单元或总线不可用。写操作结束后才应答；\
+         对写操作，异常码 0B 表示可能已动作：先读取，再决定是否重试。",
     ],
 ];
 
@@ -69,17 +70,18 @@ const LISTEN: &str = "127.0.0.1:1502";
 
 const FIELDS: &[Field] = &[
     Field::new("listen", ["Listen at", "监听地址"], Shape::Text(64)).with_hint([
-        "Address and port; 127.0.0.1:1502 if left empty. 0.0.0.0:502 for other machines",
-        "地址和端口；留空为 127.0.0.1:1502。供其他机器访问时填 0.0.0.0:502",
+        "Address and port; 127.0.0.1:1502 if left empty. 0.0.0.0:1502 for other machines; ports \
+         below 1024 need a permission",
+        "地址和端口；留空为 127.0.0.1:1502。供其他机器访问时填 0.0.0.0:1502；1024 以下的端口需要权限",
     ]),
-    Field::new("allow", ["May connect", "允许连接的网络"], Shape::Texts).with_hint([
-        "Networks such as 192.168.1.0/24, with commas. Needed if other machines are to connect: \
-         Modbus TCP has no password",
-        "网络，如 192.168.1.0/24，用逗号分隔。供其他机器访问时必填：Modbus TCP 没有密码",
+    Field::new("allow", ["Allowed clients", "允许连接的机器"], Shape::Texts).with_hint([
+        "Addresses or networks such as 192.168.1.0/24, separated by commas. Required if other \
+         machines are to connect: Modbus TCP has no password",
+        "地址或网络（如 192.168.1.0/24），用逗号分隔。供其他机器访问时必填：Modbus TCP 没有密码",
     ]),
-    Field::new("write", ["May switch", "允许操作的输出"], Shape::Points).with_hint([
-        "Outputs such as oven.k1, oven or *; none if left empty",
-        "输出，如 oven.k1、oven 或 *；留空则均不可操作",
+    Field::new("write", ["Outputs that may be switched", "允许操作的输出"], Shape::Points).with_hint([
+        "Outputs such as oven.k1, oven or *; read only if left empty",
+        "输出，如 oven.k1、oven 或 *；留空则只读",
     ]),
     Field::new("modules", ["Modules", "模块"], Shape::Modules),
     Field::new("units", ["Unit numbers", "单元号"], Shape::Texts).with_hint([
@@ -100,8 +102,8 @@ const FIELDS: &[Field] = &[
         Shape::Number(millis(WITHIN_MIN), millis(WITHIN_MAX), 5_000),
     )
     .with_hint([
-        "Not longer than the client waits for its answer",
-        "不应长于客户端等待应答的时间",
+        "The client should wait at least 2 s longer for its answer",
+        "客户端等待应答的时间应至少再长 2 秒",
     ]),
 ];
 
@@ -109,8 +111,8 @@ const MAPS: &[(&str, Pair)] = &[
     (
         "own",
         [
-            "As in the datasheet, where the module speaks Modbus",
-            "模块使用 Modbus 时按其说明书",
+            "As in the datasheet, where the module speaks Modbus RTU",
+            "模块使用 Modbus RTU 时按其说明书",
         ],
     ),
     ("uniform", ["The same for all modules", "所有模块相同"]),

@@ -181,8 +181,8 @@ fn a_batch_that_is_tried_in_parts_goes_before_later_commands() {
     }
 }
 
-/// A batch whose outputs exclude each other takes two steps, and has the turn of the second from the
-/// beginning: a command that came later is the later one, and so is the end of its pulse.
+/// A batch whose outputs exclude each other takes two steps, and has the turn of the second from
+/// the beginning: a command that came later is the later one, and so is the end of its pulse.
 #[test]
 fn a_batch_in_two_steps_goes_before_later_commands() {
     for after in 0..150 {
