@@ -41,16 +41,14 @@ async fn run(outlet: Outlet) -> Result<(), Problem> {
                 None => return Ok(()),
             },
         };
-        let line = format!("{line}\n");
-        to.write_all(line.as_bytes()).await.map_err(lost)?;
+        to.write_all((line + "\n").as_bytes()).await.map_err(lost)?;
         outlet.report.worked();
     }
 }
 
 async fn connect(outlet: &Outlet) -> Result<TcpStream, Problem> {
-    let port = u16::try_from(outlet.number("port")).map_err(lost)?;
-    let stream = TcpStream::connect((outlet.text("host"), port)).await;
-    stream.map_err(lost)
+    let at = format!("{}:{}", outlet.text("host"), outlet.number("port"));
+    TcpStream::connect(at).await.map_err(lost)
 }
 
 /// Carries out `oven.k1 on`, and says how it ended.
@@ -59,12 +57,9 @@ async fn switch(outlet: &Outlet, command: &str) -> String {
     let [module, label, to] = words[..] else {
         return "failed unknown".to_owned();
     };
-    let (point, terms) = ((module, label), WriteTerms::default());
-    match outlet
-        .service
-        .write_labelled(point, to == "on", terms)
-        .await
-    {
+    let (point, site) = ((module, label), &outlet.service);
+    let end = site.write_labelled(point, to == "on", WriteTerms::default());
+    match end.await {
         Ok(_) => "done".to_owned(),
         Err(why) => format!("failed {}", why.name()),
     }
