@@ -118,7 +118,9 @@ enum Held {
     /// What was decided holds for all of them. The outputs of a command are given back with its
     /// end.
     Each(Arc<Turn>),
-    /// Until all of it has ended: what was done may have to be undone.
+    /// Until all of it has ended.
+    Kept(Arc<Turn>),
+    /// The same: what was done may have to be undone.
     All(Arc<Turn>),
 }
 
@@ -186,12 +188,20 @@ impl Context {
         let places: Vec<Place> = items.iter().map(|item| item.1.clone()).collect();
         match self.turn_since(since, places, bound.expires).await {
             Ok(turn) => {
-                // Meanwhile the configuration may have changed.
-                let (mut done, items) = self.with(|state| state.checked(who, set, bound.terms));
-                let held = Held::Each(Arc::new(turn));
-                self.switch_in_turn(who, &mut done, &items, bound, &held)
+                // Meanwhile the configuration may have changed. What was refused before has no turn.
+                let (now, may) = self.with(|state| state.checked(who, set, bound.terms));
+                for (number, ..) in &items {
+                    let ends = done.parts.get_mut(*number).zip(now.parts.get(*number));
+                    if let Some((part, now)) = ends {
+                        part.end.clone_from(&now.end);
+                    }
+                }
+                let has_turn = |item: &Item| items.iter().any(|had| had.0 == item.0);
+                let may: Vec<Item> = may.into_iter().filter(has_turn).collect();
+                turn.give_back(|place| !may.iter().any(|item| item.1 == *place));
+                let held = Held::Kept(Arc::new(turn));
+                self.switch_in_turn(who, &mut done, &may, bound, &held)
                     .await;
-                done
             }
             Err(fault) => {
                 for (number, ..) in items {
@@ -199,9 +209,9 @@ impl Context {
                         part.end = Err(fault.into());
                     }
                 }
-                done
             }
         }
+        done
     }
 
     async fn all_or_nothing(
@@ -400,7 +410,7 @@ impl Context {
         let own;
         let (turn, takes_over): (&Turn, bool) = match held {
             Held::All(turn) => (turn, false),
-            Held::Each(turn) => (turn, true),
+            Held::Each(turn) | Held::Kept(turn) => (turn, true),
             // One turn for all tries: a command that came later stays the later one.
             Held::Not(since) => match self.turn_of_module(since, who, module, &set, bound).await {
                 Ok(turn) => {

@@ -181,6 +181,60 @@ fn a_batch_that_is_tried_in_parts_goes_before_later_commands() {
     }
 }
 
+/// An output that was refused when the batch came, and is not any more, has no turn.
+#[test]
+fn a_batch_in_two_steps_switches_only_what_it_has_the_turn_of() {
+    let text = |locked: bool| {
+        format!("{TEXT}[module.oven.point]\nk2.interlock = [\"oven.k1\"]\nk6.locked = {locked}\n")
+    };
+    let mut world = World::new(&text(true), 1);
+    world.pass(ms(300));
+    take_for(&mut world, &[2], false, ms(3_000));
+    let set = [(1, false), (2, true), (6, true)].map(|(number, on)| (at("oven", number), on));
+    let batch = world.order(move |core| async move {
+        core.batch(&who_is("li"), &set, BatchTerms::default()).await
+    });
+    world.pass(ms(500));
+    let reloaded = world.reload(&text(false), true);
+    world.pass(ms(1_000));
+    assert!(reloaded.get().is_some());
+    let (came, _) = take_for(&mut world, &[6], false, ms(6_000));
+    world.pass(ms(10_000));
+    assert!(came.lock().unwrap().is_some());
+    let ends = batch.now().parts;
+    assert!(ends[0].end.is_ok() && ends[1].end.is_ok());
+    assert_eq!(ends[2].end, Err(crate::CommandError::Locked(k(6))));
+    assert_eq!(world.relays("oven"), bit(2));
+}
+
+/// An output that a batch names twice is its own until the second of its steps has ended.
+#[test]
+fn a_batch_in_two_steps_keeps_its_turn_to_the_end() {
+    for after in 0..100 {
+        let text = format!("{TEXT}[module.oven.point]\nk2.interlock = [\"oven.k1\"]\n");
+        let mut world = World::new(&text, 1);
+        world.pass(ms(300));
+        let set = [(1, false), (2, true), (6, false), (6, true)];
+        let set = set.map(|(number, on)| (at("oven", number), on));
+        let batch = world.order(move |core| async move {
+            core.batch(&who_is("li"), &set, BatchTerms::default()).await
+        });
+        world.pass(ms(after));
+        let is_later = batch.get().is_none();
+        let (came, asked) = take_for(&mut world, &[6], false, ms(1));
+        world.pass(ms(2_000));
+        let ended = batch.get().unwrap().0;
+        let came = came.lock().unwrap().unwrap();
+        // The answer comes when the end is in the log, a little behind the turn.
+        let is_in_order = came + ms(5) >= ended || !is_later && asked >= ended;
+        assert!(
+            is_in_order,
+            "{after} ms: {came:?} {ended:?} {:?}",
+            batch.now().parts
+        );
+    }
+}
+
 /// A batch whose outputs exclude each other takes two steps, and has the turn of the second from
 /// the beginning: a command that came later is the later one, and so is the end of its pulse.
 #[test]
