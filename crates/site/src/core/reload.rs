@@ -190,6 +190,8 @@ impl State {
         others: &BTreeSet<Place>,
     ) -> Vec<(LineId, ModuleChanges)> {
         let old = Arc::clone(self.site.config());
+        // What is not told yet is about the boards of that one.
+        self.stream_rest();
         // How long the other board's may be on counts anew, once they are seen; what is on at this
         // one stays on.
         self.schedule

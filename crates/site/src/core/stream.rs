@@ -5,7 +5,7 @@
 //! change of it in its order. Nothing is made while nobody follows.
 
 use super::{Output, State};
-use crate::config::Place;
+use crate::config::{Config, Place};
 use crate::service::{LineStatus, ModuleStatus, PointStatus, Update};
 use railbus_host::{Evidence, Presence};
 use railbus_wire::Micros;
@@ -58,6 +58,8 @@ pub struct Picture {
     pub changes: u64,
     /// When it was made, by the clock on the wall.
     pub at: SystemTime,
+    /// The configuration whose names it has.
+    pub config: Arc<Config>,
     /// All points, by module, outputs first.
     pub points: Box<[PointStatus]>,
     /// All modules, by name.
@@ -75,6 +77,9 @@ pub struct Batch {
     pub changes: u64,
     /// When it was made, by the clock on the wall.
     pub at: SystemTime,
+    /// The configuration in force then. It is another one than that of the picture before from the
+    /// moment in which it is in force; a picture of it follows when its lines and modules are there.
+    pub config: Arc<Config>,
     /// Points that have another value, another quality, or another end of a pulse, lease or
     /// longest time; in the order in which that happened, and as they were then.
     pub points: Box<[PointReading]>,
@@ -258,6 +263,7 @@ impl State {
             seq: self.stream.seq,
             changes: self.stream.changes,
             at: self.now.wall,
+            config: Arc::clone(self.site.config()),
             points: points.into(),
             modules: modules.into(),
             figures: figures.into(),
@@ -292,6 +298,7 @@ impl State {
     fn picture(&mut self) -> Arc<Picture> {
         if let Some((made, picture)) = &self.stream.picture
             && picture.seq == self.stream.seq
+            && Arc::ptr_eq(&picture.config, self.site.config())
             && self.now.site - *made < PACE
         {
             return Arc::clone(picture);
@@ -310,6 +317,7 @@ impl State {
             seq: self.stream.seq,
             changes: self.stream.changes,
             at: self.now.wall,
+            config: Arc::clone(&config),
             points,
             modules,
             lines,

@@ -346,3 +346,55 @@ fn another_configuration_is_another_picture() {
         .collect();
     assert_eq!(pictures, [2]);
 }
+
+/// The names of what is told stand for the boards of the configuration that it has with it, also
+/// while a reload waits for the disk.
+#[test]
+fn what_is_told_has_its_configuration_with_it() {
+    let text = |oven: u8, pump: u8| {
+        format!(
+            "[line.main]\nport = \"/dev/ttyS9\"\n\
+             [module.oven]\nline = \"main\"\nmodel = \"erc8\"\naddress = {oven}\n\
+             [module.pump]\nline = \"main\"\nmodel = \"erc8\"\naddress = {pump}\n"
+        )
+    };
+    for after in (0..400).step_by(7) {
+        let mut world = World::new(&text(3, 4), after);
+        world.pass(ms(300));
+        let on = world.write("li", ("oven", 1), true);
+        world.pass(ms(300));
+        assert!(on.now().is_ok());
+        let pulse = Pulse {
+            width: Some(ms(60_000)),
+            ..Pulse::default()
+        };
+        world.pulse("li", ("pump", 2), pulse);
+        world.pass(ms(300));
+        follow(&mut world);
+        world.pass(ms(after));
+        world.disk_takes = Some(ms(1_500));
+        world.reload(&text(4, 3), true);
+        world.pass(ms(10_000));
+        let mut is_other = false;
+        for news in &world.news {
+            let (config, points) = match news {
+                News::Batch(batch) => {
+                    let points = batch.points.iter().map(|point| &point.status);
+                    (&batch.config, points.collect::<Vec<_>>())
+                }
+                News::Picture(picture) => (&picture.config, picture.points.iter().collect()),
+            };
+            let address = config.modules["oven"].setup.address.0;
+            // The board at address 3 is the one whose first relay is on.
+            for point in points {
+                if let (Some(value), true) = (point.value, point.point == k(1)) {
+                    let is_on = value == PointValue::Bool(true);
+                    let is_first = (point.module == "oven") == (address == 3);
+                    assert_eq!(is_on, is_first, "{after} ms, {point:?}");
+                }
+            }
+            is_other |= address == 4;
+        }
+        assert!(is_other, "{after} ms");
+    }
+}
