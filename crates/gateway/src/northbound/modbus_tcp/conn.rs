@@ -11,13 +11,19 @@ use railbus_device::Point;
 use railbus_host::Confirmation;
 use railbus_site::CommandError;
 use railbus_wire::mbap::{self, Message};
-use railbus_wire::rtu::{self, Exception, Identification, Request};
-use railbus_wire::{Address, Decoded, Frame};
+use railbus_wire::rtu::{self, Exception, Identification, Request, WordBlock};
+use railbus_wire::{Address, Decoded, Frame, Words};
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
 /// How many requests of a connection may wait for the end of a command.
 const WAITING_MAX: usize = 16;
+/// Functions that no module here has, so that the codec of modules does not know them.
+const MASK_WRITE: u8 = 0x16;
+const READ_WRITE: u8 = 0x17;
+/// How many registers a read with a write may have, and the write [MODBUS §3.2].
+const READ_MAX: u16 = 125;
+const WRITE_MAX: u16 = 121;
 /// The units of the gateway itself.
 pub(super) const GATEWAY: [u8; 2] = [0, 255];
 const VENDOR: &str = "railbus";
@@ -45,8 +51,10 @@ pub(super) struct UnitWrite {
     /// The number of the command among those to this unit.
     pub(super) number: u16,
     transaction: u16,
-    /// Function, address and value or count, which the answer repeats [MODBUS §2.3] [MODBUS §2.4].
-    echo: [u8; 5],
+    /// The beginning of the request, which the answer repeats [MODBUS §2.3] [MODBUS §2.4].
+    echo: Vec<u8>,
+    /// These holding registers are the answer instead, as they are after the write.
+    reads: Option<(u16, u16)>,
 }
 
 /// How a write ended; an error with the digits of its code.
@@ -161,6 +169,15 @@ impl ModbusConn {
         pdu: &[u8],
         units: &mut Units<'_>,
     ) -> Result<(), Exception> {
+        // Whatever is asked of it.
+        if !units.images.contains_key(&unit) && !GATEWAY.contains(&unit) {
+            return Err(Exception::PATH);
+        }
+        if let (Some(&(MASK_WRITE | READ_WRITE)), Some(image)) =
+            (pdu.first(), units.images.get_mut(&unit))
+        {
+            return self.combined(transaction, unit, pdu, image);
+        }
         let exchange = rtu::Exchange::decode_pdu(Address(unit), pdu);
         let request = match &exchange {
             Ok(exchange) => &exchange.request,
@@ -170,13 +187,12 @@ impl ModbusConn {
             }
         };
         let Some(image) = units.images.get_mut(&unit) else {
-            return match (GATEWAY.contains(&unit), request) {
-                (true, Request::Identify { code, object }) => {
+            return match request {
+                Request::Identify { code, object } => {
                     let said = [VENDOR, VENDOR, VERSION, units.site];
                     self.identify(transaction, unit, (*code, *object), said)
                 }
-                (true, _) => Err(Exception::FUNCTION),
-                (false, _) => Err(Exception::PATH),
+                _ => Err(Exception::FUNCTION),
             };
         };
         let (space, span) = match request {
@@ -195,7 +211,9 @@ impl ModbusConn {
             | Request::WriteCoils(_)
             | Request::WriteRegisters(_) => {
                 let set = image.writes(request)?;
-                return self.begin(transaction, unit, pdu, (image, set));
+                // Every write has these [MODBUS §2.3].
+                let echo = pdu.get(..5).ok_or(Exception::VALUE)?;
+                return self.begin((transaction, unit), image, set, (echo, None));
             }
             Request::Identify { code, object } => {
                 let model = image.setup.family.profile().model;
@@ -288,19 +306,81 @@ impl ModbusConn {
         Ok(())
     }
 
-    fn begin(
+    /// Functions 16h and 17h: some bits of a register, and a read after a write.
+    fn combined(
         &mut self,
         transaction: u16,
         unit: u8,
         pdu: &[u8],
-        (image, set): (&mut UnitImage, Vec<(Point, bool)>),
+        image: &mut UnitImage,
+    ) -> Result<(), Exception> {
+        match *pdu {
+            [
+                MASK_WRITE,
+                at_high,
+                at_low,
+                and_high,
+                and_low,
+                or_high,
+                or_low,
+            ] => {
+                let [at, and, or] = [[at_high, at_low], [and_high, and_low], [or_high, or_low]]
+                    .map(u16::from_be_bytes);
+                let set = image.writes_masked(at, and, or)?;
+                if set.is_empty() {
+                    let begun = self.open(transaction, unit, MASK_WRITE);
+                    self.out.extend_from_slice(pdu.get(1..).unwrap_or_default());
+                    self.close(transaction, begun);
+                    return Ok(());
+                }
+                self.begin((transaction, unit), image, set, (pdu, None))
+            }
+            [
+                READ_WRITE,
+                r1,
+                r0,
+                rc1,
+                rc0,
+                w1,
+                w0,
+                wc1,
+                wc0,
+                len,
+                ref data @ ..,
+            ] => {
+                let [start, count, at, words] =
+                    [[r1, r0], [rc1, rc0], [w1, w0], [wc1, wc0]].map(u16::from_be_bytes);
+                let fits = (1..=READ_MAX).contains(&count)
+                    && (1..=WRITE_MAX).contains(&words)
+                    && usize::from(len) == data.len()
+                    && data.len() == 2 * usize::from(words);
+                let block = Words::from_packed(data).and_then(|words| WordBlock::new(at, words));
+                let (true, Some(block)) = (fits, block) else {
+                    return Err(Exception::VALUE);
+                };
+                image.has_holding(start, count)?;
+                let set = image.writes(&Request::WriteRegisters(block))?;
+                let begins = [READ_WRITE, w1, w0];
+                let reads = Some((start, count));
+                self.begin((transaction, unit), image, set, (&begins, reads))
+            }
+            _ => Err(Exception::VALUE),
+        }
+    }
+
+    fn begin(
+        &mut self,
+        (transaction, unit): (u16, u8),
+        image: &mut UnitImage,
+        set: Vec<(Point, bool)>,
+        (echo, reads): (&[u8], Option<(u16, u16)>),
     ) -> Result<(), Exception> {
         if self.waiting >= WAITING_MAX {
             return Err(Exception::BUSY);
         }
-        // Every write has these [MODBUS §2.3].
-        let echo = *pdu.first_chunk::<5>().ok_or(Exception::VALUE)?;
-        let [_, high, low, ..] = echo;
+        let &[_, high, low, ..] = echo else {
+            return Err(Exception::VALUE);
+        };
         let last = &mut image.last;
         last.number = last.number.wrapping_add(1);
         (last.end, last.code) = (LastEnd::UnderWay, 0);
@@ -311,7 +391,8 @@ impl ModbusConn {
             set,
             number: last.number,
             transaction,
-            echo,
+            echo: echo.to_vec(),
+            reads,
         });
         self.busy.insert(unit, VecDeque::new());
         self.waiting += 1;
@@ -333,13 +414,7 @@ impl ModbusConn {
             (image.last.end, image.last.code) = (told, code);
         }
         match end {
-            Ok(_) => {
-                let header = mbap::header(write.transaction, 1 + write.echo.len());
-                self.out.extend_from_slice(&header);
-                self.out.push(write.unit);
-                self.out.extend_from_slice(&write.echo);
-                self.answered.good += 1;
-            }
+            Ok(_) => self.written(write, units),
             Err((failure, _)) => {
                 let (why, _) = ends::of_failure(failure);
                 self.refuse(write.transaction, write.unit, &write.echo, why);
@@ -353,6 +428,37 @@ impl ModbusConn {
                 // It is a write itself.
                 *behind = held;
                 return;
+            }
+        }
+    }
+
+    /// Answers a write that was carried out.
+    fn written(&mut self, write: &UnitWrite, units: &mut Units<'_>) {
+        let (transaction, unit) = (write.transaction, write.unit);
+        let Some(span) = write.reads else {
+            let header = mbap::header(transaction, 1 + write.echo.len());
+            self.out.extend_from_slice(&header);
+            self.out.push(unit);
+            self.out.extend_from_slice(&write.echo);
+            self.answered.good += 1;
+            return;
+        };
+        let begun = self.open(transaction, unit, READ_WRITE);
+        let read = match units.images.get(&unit) {
+            Some(image) if image.module == write.module => {
+                let space = Space::HoldingRegisters;
+                image.read_words(space, span, units.look, &mut self.out)
+            }
+            _ => Err(Exception::PATH),
+        };
+        match read {
+            Ok(()) => {
+                self.close(transaction, begun);
+                self.answered.good += 1;
+            }
+            Err(why) => {
+                self.out.truncate(begun);
+                self.refuse(transaction, unit, &write.echo, why);
             }
         }
     }

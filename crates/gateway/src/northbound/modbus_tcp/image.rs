@@ -266,6 +266,32 @@ impl UnitImage {
         }
     }
 
+    /// The outputs of a word of which a mask sets the bits: those that are 0 in `and` get the bits
+    /// of `or`, and the others are not commanded.
+    pub(super) fn writes_masked(
+        &self,
+        at: u16,
+        and: u16,
+        or: u16,
+    ) -> Result<Vec<(Point, bool)>, Exception> {
+        let mut set = self.of_word(at, or & !and)?;
+        set.retain(|(point, _)| and & (1 << (point.index % 16)) == 0);
+        Ok(set)
+    }
+
+    /// Whether all of these holding registers exist.
+    pub(super) fn has_holding(&self, start: u16, count: u16) -> Result<(), Exception> {
+        let space = Space::HoldingRegisters;
+        let exist = (0..count).all(|at| {
+            let at = start.checked_add(at);
+            at.is_some_and(|at| self.map.find(space, at).is_some())
+        });
+        match exist {
+            true => Ok(()),
+            false => Err(Exception::ADDRESS),
+        }
+    }
+
     fn coil(&self, at: u16) -> Result<Point, Exception> {
         match self.map.find(Space::Coils, at) {
             Some((Content::Bits(kind), offset)) => Ok(Point {

@@ -342,6 +342,57 @@ fn words_of_outputs_are_one_command() {
 }
 
 #[test]
+fn a_mask_commands_only_its_bits_and_a_read_comes_after_its_write() {
+    let mut stage = Stage::new();
+    // Bits 0 and 2 are set by it: 1 and 0.
+    let mask = [0x16, 0, 0, 0xFF, 0b1111_1010, 0, 0b0000_0001];
+    let asked = stage.send(BOARD, &mask);
+    let write = stage.write();
+    assert_eq!(write.set, [(output(0), true), (output(2), false)]);
+    stage.end(&write, Ok(Confirmation::Readback));
+    assert_eq!(stage.answers(), [(asked, mask.to_vec())]);
+    let nothing = [0x16, 0, 0, 0xFF, 0xFF, 0, 1];
+    assert_eq!(stage.ask(BOARD, &nothing), nothing);
+    assert_eq!(
+        stage.ask(BOARD, &[0x16, 0, 1, 0, 0, 0x80, 0]),
+        [0x96, 3],
+        "no output"
+    );
+    assert_eq!(stage.ask(OVEN, &mask), [0x96, 2], "no such register");
+    assert_eq!(stage.ask(BOARD, &mask[..6]), [0x96, 3]);
+
+    let both = [0x17, 0, 0, 0, 2, 0, 1, 0, 1, 2, 0, 0b1000];
+    let asked = stage.send(BOARD, &both);
+    let write = stage.write();
+    assert_eq!(write.set[3], (output(19), true));
+    stage.tell(BOARD, "board", output(19), ON);
+    stage.end(&write, Ok(Confirmation::Readback));
+    assert_eq!(stage.answers(), [(asked, vec![0x17, 4, 0, 0, 0, 0b1000])]);
+    stage.send(BOARD, &both);
+    let write = stage.write();
+    stage.end(&write, no_reply());
+    assert_eq!(stage.answers()[0].1, [0x97, 0x0B]);
+    // It was written, and what is to be read is not known.
+    let (off, offline) = (Some(PointValue::Bool(false)), BadReason::Offline);
+    stage.tell(BOARD, "board", output(0), (off, PointQuality::Bad(offline)));
+    stage.send(BOARD, &both);
+    let write = stage.write();
+    stage.end(&write, Ok(Confirmation::Reply));
+    assert_eq!(stage.answers()[0].1, [0x97, 0x0B]);
+    for (wrong, exception) in [
+        (&both[..11], 3),
+        (&[0x17, 0, 0, 0, 0, 0, 1, 0, 1, 2, 0, 0][..], 3),
+        (&[0x17, 0, 0, 0, 2, 0, 1, 0, 2, 2, 0, 0], 3),
+        (&[0x17, 0, 1, 0, 2, 0, 1, 0, 1, 2, 0, 0], 2),
+        (&[0x17, 0, 0, 0, 1, 0, 2, 0, 1, 2, 0, 0], 2),
+    ] {
+        assert_eq!(stage.ask(BOARD, wrong), [0x97, exception], "{wrong:02X?}");
+    }
+    assert_eq!(stage.ask(9, &both), [0x97, 0x0A]);
+    assert_eq!(stage.conn.writes, []);
+}
+
+#[test]
 fn requests_behind_a_write_wait_and_those_to_other_units_do_not() {
     let mut stage = Stage::new();
     let first = stage.send(OVEN, &[5, 0, 60, 0xFF, 0]);
