@@ -34,6 +34,9 @@ pub struct OutletKindInfo {
     /// What is to be known at the other side, a paragraph each.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<BothLanguages>,
+    /// Whether its integrations have a table of addresses: `…/map`.
+    #[serde(default)]
+    pub has_map: bool,
     /// Its settings, in the order of a form. Besides these each has `enabled`, true by default.
     pub fields: Vec<OutletField>,
 }
@@ -187,6 +190,18 @@ pub struct OutletError {
     pub tries: u32,
     /// The error, its likely causes and what to do.
     pub problem: Problem,
+}
+
+/// `GET /api/v1/outlets/{kind}/{outlet}/map`: where each point stands at the other side. With
+/// `format=csv` the same as a file.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct OutletMap {
+    /// The version of the API.
+    pub schema: u8,
+    /// What the columns are called.
+    pub columns: Vec<BothLanguages>,
+    /// The rows, a cell for each column, in the language of the request.
+    pub rows: Vec<Vec<String>>,
 }
 
 /// The result of a test.

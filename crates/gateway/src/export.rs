@@ -44,6 +44,20 @@ impl File {
         self.csv
     }
 
+    /// Says what a response is, and what it is to be called.
+    fn describe(&self, response: &mut Answer, name: &str) {
+        let (content_type, ending) = match self.csv {
+            true => ("text/csv; charset=utf-8", "csv"),
+            false => ("application/x-ndjson", "ndjson"),
+        };
+        let headers = response.headers_mut();
+        headers.insert(CONTENT_TYPE, HeaderValue::from_static(content_type));
+        let name = format!("attachment; filename=\"{name}.{ending}\"");
+        if let Ok(name) = HeaderValue::from_str(&name) {
+            headers.insert(CONTENT_DISPOSITION, name);
+        }
+    }
+
     /// What precedes the rows.
     pub(super) fn head(&self, columns: &[&str]) -> String {
         let mark = if self.mark { MARK } else { "" };
@@ -52,6 +66,30 @@ impl File {
             false => String::new(),
         }
     }
+}
+
+/// A table that is sent at once, as a file for spreadsheets.
+pub(super) fn whole_csv(
+    name: &str,
+    lang: Lang,
+    columns: &[String],
+    rows: &[Vec<String>],
+) -> Answer {
+    let file = File {
+        csv: true,
+        mark: lang == Lang::Zh,
+        name: "",
+    };
+    fn cells(row: &[String]) -> Vec<&str> {
+        row.iter().map(String::as_str).collect()
+    }
+    let mut text = file.head(&cells(columns));
+    for row in rows {
+        text += &csv(&cells(row));
+    }
+    let mut response = Response::new(Body::from(text));
+    file.describe(&mut response, name);
+    response
 }
 
 /// Where rows are sent.
@@ -78,16 +116,7 @@ impl Sink {
 pub(super) fn stream(site: &Site, who: &Caller, file: &File) -> (Answer, Sink) {
     let (sender, body) = Channel::<Bytes, Infallible>::new(PIECES_MAX);
     let mut response = Response::new(Body::new(body));
-    let (content_type, ending) = match file.csv {
-        true => ("text/csv; charset=utf-8", "csv"),
-        false => ("application/x-ndjson", "ndjson"),
-    };
-    let headers = response.headers_mut();
-    headers.insert(CONTENT_TYPE, HeaderValue::from_static(content_type));
-    let name = format!("attachment; filename=\"{}.{ending}\"", file.name);
-    if let Ok(name) = HeaderValue::from_str(&name) {
-        headers.insert(CONTENT_DISPOSITION, name);
-    }
+    file.describe(&mut response, file.name);
     let over = Box::pin(site.over(who));
     (response, Sink { sender, over })
 }

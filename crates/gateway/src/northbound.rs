@@ -31,8 +31,8 @@ use supervisor::OutletId;
 
 /// Every kind of outlet.
 static NORTHBOUND: &[&OutletKind] = &[
-    &modbus_tcp::KIND,
     &webhook::KIND,
+    &modbus_tcp::KIND,
     #[cfg(test)]
     &textline::KIND,
 ];

@@ -21,6 +21,7 @@ export type Operation = Schemas["OpInfo"];
 export type Outlet = Schemas["OutletInfo"];
 export type OutletField = Schemas["OutletField"];
 export type OutletKind = Schemas["OutletKindInfo"];
+export type OutletMap = Schemas["OutletMap"];
 export type OutletTest = Schemas["OutletTest"];
 export type RegisterRead = Schemas["RegisterRead"];
 export type Role = Schemas["Role"];

@@ -33,6 +33,5 @@ export const system = {
     "State and commands through an MQTT broker; Home Assistant finds the points automatically.",
     "通过 MQTT 服务器（Broker）收发状态与命令，Home Assistant 可自动发现。",
   ],
-  modbus_why: ["One Modbus server for all modules, for SCADA and PLCs.", "为 SCADA 与 PLC 提供统一的 Modbus 服务器。"],
   opcua_why: ["Points exposed as OPC UA nodes.", "以 OPC UA 节点提供数据点。"],
 } as const satisfies Record<string, Pair>;

@@ -5,6 +5,7 @@ use railbus_api::problem::{Problem, ProblemType as ProblemKind, codes};
 use railbus_site::config::Invalid;
 use railbus_site::config::change::Keys;
 use railbus_site::{Config, Events};
+use railbus_words::Lang;
 use std::pin::Pin;
 
 /// A text in English and in Simplified Chinese.
@@ -37,6 +38,8 @@ pub(crate) struct OutletKind {
     pub(crate) run: fn(Outlet, Events) -> Work<Result<(), Problem>>,
     /// Tries once whether it works, and says what the other side answered.
     pub(crate) test: fn(Outlet) -> Work<Result<String, Problem>>,
+    /// Where each point stands at the other side; none where that is not fixed.
+    pub(crate) map: Option<AddressMap>,
     /// What becomes of a running outlet when its settings change.
     pub(crate) on_change: OnChange,
     /// The table of the configuration in which its outlets stand: [`TABLE`].
@@ -57,6 +60,15 @@ impl std::fmt::Debug for OutletKind {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(self.name)
     }
+}
+
+/// Where each point stands at the other side, as a table.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct AddressMap {
+    /// What its columns are called.
+    pub(crate) columns: &'static [Pair],
+    /// Its rows for an outlet with these settings: a cell for each column.
+    pub(crate) rows: fn(&Keys, &Config, Lang) -> Vec<Vec<String>>,
 }
 
 /// What becomes of a running outlet when its settings change.
@@ -159,6 +171,7 @@ impl OutletKind {
             fields,
             run,
             test,
+            map: None,
             on_change: OnChange::Restart,
             table: TABLE,
             outlets: of_its_type,

@@ -8,22 +8,25 @@ use crate::access::Need;
 use crate::access::secret::Secret;
 use crate::config::{edit, edits, keys};
 use crate::doc::Doc;
+use crate::events::LANG;
 use crate::order::Order;
-use crate::route::{Answer, Route};
+use crate::order::bad_request;
+use crate::route::{Answer, Asked, Route};
 use crate::site::Site;
-use crate::{answer, language, localize};
+use crate::{answer, export, language, localize};
 use axum::extract::{Path, State};
 use axum::http::HeaderMap;
 use axum::routing::{delete, get, post, put};
 use railbus_api::outlets::{
     BothLanguages, OutletChoice, OutletField, OutletFieldType, OutletInfo, OutletKindInfo,
-    OutletKinds, OutletList, OutletTest,
+    OutletKinds, OutletList, OutletMap, OutletTest,
 };
 use railbus_api::problem::{Problem, codes};
 use railbus_api::types::SCHEMA;
 use railbus_site::config::OUTLET_TYPE;
 use railbus_site::config::change::Keys;
 use railbus_store::history::{Event, EventKind, Severity};
+use railbus_words::Lang;
 use railbus_words::time::rfc3339;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -36,6 +39,8 @@ pub(crate) const OF_KINDS: &[Route] = super::webhook::routes::ROUTES;
 
 /// The longest time of a test.
 const TEST_MAX: Duration = Duration::from_secs(15);
+
+const MAP_FORMAT: (&str, &str) = ("format", "json or csv");
 
 /// The routes of this file.
 pub(crate) const ROUTES: &[Route] = &[
@@ -62,6 +67,17 @@ pub(crate) const ROUTES: &[Route] = &[
         Doc::new("Set the secret of an integration, or remove it")
             .takes::<SecretRequest>()
             .answers::<SecretState>(),
+    ),
+    Route::new(
+        "GET",
+        "/outlets/{kind}/{outlet}/map",
+        Need::ENGINEER,
+        || get(map),
+    )
+    .doc(
+        Doc::new("Where each point stands at the other side of an integration")
+            .query(&[MAP_FORMAT, LANG])
+            .answers::<OutletMap>(),
     ),
     Route::new(
         "POST",
@@ -108,6 +124,7 @@ fn about_kind(kind: &OutletKind) -> OutletKindInfo {
         kind: kind.name.to_owned(),
         title: both(kind.title),
         about: both(kind.about),
+        has_map: kind.map.is_some(),
         notes: kind.notes.iter().copied().map(both).collect(),
         fields: kind.fields.iter().map(about_field).collect(),
     }
@@ -330,6 +347,58 @@ async fn keep(
     });
     kept.await
         .map_err(|error| Problem::new(codes::INTERNAL).with("reason", error.to_string()))?
+}
+
+async fn map(
+    Path((kind, outlet)): Path<(String, String)>,
+    asked: Asked,
+    State(site): State<Site>,
+    headers: HeaderMap,
+) -> Answer {
+    let lang = language::of(&site, &asked, &headers);
+    match mapped(&site, &kind, outlet, lang) {
+        Ok((map, name)) => match asked.get("format").map(String::as_str) {
+            None | Some("json") => answer::json(Ok(map)),
+            Some("csv") => export::whole_csv(&name, lang, &titles(&map, lang), &map.rows),
+            Some(_) => bad_request("\"format\" is json or csv"),
+        },
+        Err(problem) => answer::problem(&problem),
+    }
+}
+
+fn titles(map: &OutletMap, lang: Lang) -> Vec<String> {
+    let title = |both: &BothLanguages| match lang {
+        Lang::En => both.en.clone(),
+        Lang::Zh => both.zh.clone(),
+    };
+    map.columns.iter().map(title).collect()
+}
+
+/// The addresses of an outlet, and its name.
+fn mapped(
+    site: &Site,
+    kind: &str,
+    outlet: String,
+    lang: Lang,
+) -> Result<(OutletMap, String), Problem> {
+    let kind = kind_of(kind)?;
+    let config = site.service.config();
+    let all = (kind.outlets)(kind, &config);
+    let found = all.into_iter().find(|(name, _)| *name == outlet);
+    let (Some((_, settings)), Some(map)) = (found, kind.map) else {
+        return Err(missing(&OutletId {
+            kind: kind.name,
+            name: outlet,
+        }));
+    };
+    let rows = (map.rows)(&settings, &config, lang);
+    let columns = map.columns.iter().copied().map(both).collect();
+    let map = OutletMap {
+        schema: SCHEMA,
+        columns,
+        rows,
+    };
+    Ok((map, outlet))
 }
 
 async fn test(Path((kind, outlet)): Path<(String, String)>, order: Order) -> Answer {

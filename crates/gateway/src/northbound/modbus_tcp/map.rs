@@ -38,6 +38,20 @@ pub(super) enum Content {
     Status,
 }
 
+impl Content {
+    /// How many registers a value takes, or bits.
+    pub(super) const fn registers(self) -> u16 {
+        match self {
+            Content::Floats | Content::Numbers => 2,
+            Content::Bits(_)
+            | Content::OutputWords
+            | Content::Raw
+            | Content::Scaled
+            | Content::Status => 1,
+        }
+    }
+}
+
 /// The first register about the unit itself. From there: quality (0 good, 1 stale, 2 never read, 3
 /// offline, 4 line absent, 5 line busy, 6 exclusive access, 7 line closed, 8 other model), age of
 /// the oldest value in 100 ms (65535: none), presence (0 unheard, 1 online, 2 silent, 3 other
@@ -90,7 +104,6 @@ impl UnitMap {
     }
 
     /// All of it.
-    #[cfg(test)]
     pub(super) fn runs(&self) -> &[Run] {
         &self.0
     }

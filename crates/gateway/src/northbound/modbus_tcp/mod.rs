@@ -7,6 +7,7 @@
 //! - Its settings, and which module is which unit: `settings`.
 //! - Which coil or register is which point: `map`. What is known of the points, and answers to
 //!   reads: `image`.
+//!   For people: `table`.
 //! - One connection, without I/O: `conn`. Sockets and limits: `server`.
 //! - How a command ended, in Modbus' codes: `ends`.
 
@@ -16,6 +17,7 @@ mod image;
 mod map;
 mod server;
 mod settings;
+mod table;
 #[cfg(test)]
 mod tests;
 
@@ -28,6 +30,7 @@ use std::net::SocketAddr;
 /// Modbus TCP, as a server.
 pub(super) static KIND: OutletKind = OutletKind {
     notes: NOTES,
+    map: Some(table::MAP),
     check: settings::check,
     ..OutletKind::new(
         "modbus_tcp",

@@ -70,7 +70,7 @@ async fn serve(outlet: Outlet) -> Result<(), Problem> {
     let listener = TcpListener::bind(listen).await.map_err(failed)?;
     let keys = outlet.settings.borrow().clone();
     let allowed = settings::allowed(&keys);
-    let is_uniform = outlet.text("map") == "uniform";
+    let is_uniform = settings::is_uniform(&keys);
     let (mut site, stopped) = (outlet.service.follow(), outlet.stopped());
     tokio::pin!(stopped);
     // One for each connection: it waits for its answer before it asks again.

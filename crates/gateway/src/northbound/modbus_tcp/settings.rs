@@ -107,6 +107,11 @@ pub(super) fn units(settings: &Keys, config: &Config) -> Result<BTreeMap<u8, Str
     Ok(units)
 }
 
+/// Whether all modules have the same map.
+pub(super) fn is_uniform(settings: &Keys) -> bool {
+    settings.get("map").and_then(|value| value.as_str()) == Some("uniform")
+}
+
 /// What is wrong with its settings beyond their shapes.
 pub(super) fn check(settings: &Keys, config: &Config) -> Vec<(&'static str, Invalid)> {
     let mut found = Vec::new();
