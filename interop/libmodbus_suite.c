@@ -1,9 +1,9 @@
 /* libmodbus as a program that asks what it is told: one line in, one line out.
  *
- *   open PORT BAUD       timeout MS       close
+ *   open PORT BAUD       tcp HOST PORT    timeout MS       close
  *   read UNIT FC AT COUNT                 -> values 1 0 1
  *   write UNIT FC AT VALUE...             -> done
- *   raw UNIT HEX                          -> done
+ *   raw UNIT HEX                          -> done, on a serial port only
  *
  * and to all of them `silent`, `exception N` or `error WHY`. */
 
@@ -106,6 +106,9 @@ int main(void)
         if (sscanf(text, "open %511s %d", path, &count) == 2) {
             line = modbus_new_rtu(path, count, 'N', 8, 1);
             puts(modbus_connect(line) == 0 ? "done" : "error no port");
+        } else if (sscanf(text, "tcp %511s %d", path, &count) == 2) {
+            line = modbus_new_tcp(path, count);
+            puts(modbus_connect(line) == 0 ? "done" : "error no connection");
         } else if (sscanf(text, "timeout %d", &count) == 1) {
             modbus_set_response_timeout(line, count / 1000, count % 1000 * 1000);
             puts("done");

@@ -35,7 +35,11 @@ class Master:
         self.process = subprocess.Popen(
             [PROGRAM], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         )
-        self._say(f"open {port} 9600")
+        self.open(9600)
+
+    def open(self, rate):
+        """Opens the port."""
+        self._say(f"open {self.port} {rate}")
 
     def __enter__(self):
         return self
@@ -48,7 +52,7 @@ class Master:
     def speed(self, rate):
         """Changes the speed."""
         self._say("close")
-        self._say(f"open {self.port} {rate}")
+        self.open(rate)
         self.timeout = None
 
     def can(self, unit, step):

@@ -15,6 +15,9 @@ _ERRORS = {
     "Illegal data value": exception(3),
     "Slave device or server failure": exception(4),
     "Memory parity error": exception(8),
+    "Slave device or server is busy": exception(6),
+    "Gateway path unavailable": exception(10),
+    "Target device failed to respond": exception(11),
     "Connection timed out": SILENT,
 }
 
@@ -36,6 +39,10 @@ class Master:
         """Changes the speed."""
         self.rate = rate
 
+    def where(self):
+        """How it reaches the modules: its flags, and what it opens."""
+        return ["-m", "rtu", "-P", "none", "-b", str(self.rate)], self.port
+
     def can(self, unit, step):
         """Whether it can send this."""
         if not isinstance(step, Ask) or not 1 <= unit <= 247:
@@ -49,10 +56,11 @@ class Master:
         reads = isinstance(step.arg, int)
         count = step.arg if reads else 1
         values = [] if reads else [str(value) for value in step.arg]
+        flags, port = self.where()
         run = subprocess.run(
-            ["mbpoll", "-m", "rtu", "-0", "-1", "-P", "none", "-b", str(self.rate),
+            ["mbpoll", *flags, "-0", "-1",
              "-o", str(timeout), "-a", str(unit), "-t", _KINDS[step.fc], "-r", str(step.at),
-             *(["-c", str(count)] if reads else []), self.port, *values],
+             *(["-c", str(count)] if reads else []), port, *values],
             capture_output=True, text=True, timeout=20, check=False,
         )
         for words, meaning in _ERRORS.items():

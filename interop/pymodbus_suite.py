@@ -29,13 +29,15 @@ class Master:
 
     def __init__(self, port):
         self.frame = None
-        self.client = ModbusSerialClient(
-            port, baudrate=9600, retries=0, trace_packet=self._packet
-        )
+        self.client = self.open(port)
         # Otherwise it gives up a port after a few silences.
         self.client.set_max_no_responses(1_000_000)
         if not self.client.connect():
             raise ConnectionError(f"pymodbus cannot open {port}")
+
+    def open(self, port):
+        """The client, not yet connected."""
+        return ModbusSerialClient(port, baudrate=9600, retries=0, trace_packet=self._packet)
 
     def __enter__(self):
         return self
