@@ -449,6 +449,50 @@ no reply before the wire has carried it
 a link that goes with the program
 """
 
+# The daemon's Modbus TCP server, in front of modules of all families ------------------------
+
+MODBUS_TCP = """
+{hall,gate,door,oven,tank,yard} by {pymodbus,libmodbus,mbpoll}: read
+{hall,gate,door,oven,tank,yard} by {pymodbus,libmodbus,mbpoll}: switched and read back
+{hall,gate,door,oven,tank,yard} by {pymodbus,libmodbus,mbpoll}: all coils at once
+{inputs,analog registers,status registers} by {pymodbus,libmodbus,mbpoll}
+an input that changes
+own map: nothing beside it
+uniform map: {coils,outputs as inputs,units of its own}
+uniform map: {words,scaled values,floating-point values} by {pymodbus,libmodbus,mbpoll}
+uniform map: an output that is not there
+rights: without `write` nothing moves
+rights: an output that is not in `write`
+rights: all coils of a request or none
+rights: an output in `write`
+an output that {is interlocked,is locked,asks for confirmation}
+power off: never an old value
+power off: {0B,status 3,others go on}
+power on: {good again,the true state}
+a killed line: {never an old value,0A,status 4,good again}
+a write to a dead module: {hall,gate,door,oven,tank,yard}
+a write to a dead module: {other units go on,its own unit waits,0B}
+a write to a dead module: too many that wait
+a write that was not answered: {0B,the last command unknown,the truth afterwards}
+closed: length {0,1,255,256,65535}
+closed: {protocol 1,HTTP,TLS}
+closed: what came before is answered
+function {07,08,16,17,41}: 01
+quantity: 03
+values of FC05: 03
+a body that is no request: 03
+addresses outside: 02
+a unit that is none: 0A
+the gateway itself: {name,01}
+a module's name
+a message byte by byte
+messages in one piece
+connections: {eight work,the ninth is closed,a free place}
+half a message: {not at once,closed,more bytes give no more time}
+two masters at once: {pymodbus,libmodbus,pipelined}
+two masters at once: {simulator,API,mbpoll} agree
+"""
+
 TABLES = {
     "ERC-8": ERC8,
     "ERC-8 switches": ERC8_SWITCHES,
@@ -464,6 +508,7 @@ TABLES = {
     "EDA9050 LC-02": LC02_9050,
     "0x55 boards": R55,
     "demo line": DEMO,
+    "Modbus TCP": MODBUS_TCP,
 }
 
 
