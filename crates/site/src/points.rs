@@ -26,7 +26,8 @@ pub enum PointValue {
 pub enum PointQuality {
     /// Read, and not older than the module's maximum age.
     Good,
-    /// Read, but older than that.
+    /// Read, but older than that; or it was commanded since and not read back, or its module was
+    /// silent since.
     Stale,
     /// There is no current value; if there is one at all, it is the last that was read.
     Bad(BadReason),
@@ -84,9 +85,19 @@ struct ModuleState {
     /// ended.
     missing: Option<u8>,
     points: BTreeMap<Point, PointState>,
+    /// Points that may be otherwise by now, though their values are not old: commanded since, and
+    /// not read back, or not read since the module was silent.
+    doubted: BTreeSet<Point>,
     pulse: Option<Pulses>,
     /// The model it last reported, or the name it gives itself.
     says: Option<String>,
+}
+
+impl ModuleState {
+    /// Whatever it does while it is silent.
+    fn doubt_all(&mut self) {
+        self.doubted = self.points.keys().copied().collect();
+    }
 }
 
 /// Which outputs of a module give pulses, and the width.
@@ -170,6 +181,9 @@ impl Site {
     pub fn heard(&mut self, module: &str, presence: Presence) {
         if let Some(state) = self.modules.get_mut(module) {
             (state.presence, state.missing) = (presence, None);
+            if presence == Presence::Silent {
+                state.doubt_all();
+            }
             if presence == Presence::OtherModel {
                 // Values of the right model say nothing about another.
                 state.points.clear();
@@ -198,6 +212,7 @@ impl Site {
         state.missing = Some(misses);
         if misses >= MISSES_SILENT {
             (state.presence, state.missing) = (Presence::Silent, None);
+            state.doubt_all();
             self.touch(module);
         }
         misses >= MISSES_SILENT
@@ -227,6 +242,9 @@ impl Site {
         }
         let mut changes = Vec::new();
         for (point, value) in values(config, seen) {
+            if state.doubted.remove(&point) && !self.touched.contains(module) {
+                self.touched.insert(module.to_owned());
+            }
             let before = state.points.insert(point, PointState { value, read, time });
             let before = before.map(|before| before.value);
             if before != Some(value) {
@@ -272,6 +290,14 @@ impl Site {
         }
     }
 
+    /// These points of a module may be otherwise by now: they are stale until they are read.
+    pub(crate) fn doubt_points(&mut self, module: &str, points: &[Point]) {
+        if let Some(state) = self.modules.get_mut(module) {
+            state.doubted.extend(points);
+            self.touch(module);
+        }
+    }
+
     /// Drops the values of these modules' points; their presence stays.
     pub fn doubt(&mut self, of: impl Fn(&str) -> bool) {
         for (name, state) in self.modules.iter_mut().filter(|(name, _)| of(name)) {
@@ -299,6 +325,10 @@ impl Site {
             .modules
             .get(module)
             .map(|config| config.plan.max_age);
+        let is_doubted = self
+            .modules
+            .get(module)
+            .is_some_and(|state| state.doubted.contains(&point));
         let quality = match (known, self.presence(module), max_age) {
             (_, Presence::OtherModel, Some(_)) => PointQuality::Bad(BadReason::OtherModel),
             (None, Presence::Silent, Some(_)) => PointQuality::Bad(BadReason::Offline),
@@ -306,7 +336,9 @@ impl Site {
             (Some(_), Presence::Silent | Presence::Unheard, _) => {
                 PointQuality::Bad(BadReason::Offline)
             }
-            (Some(state), Presence::Online, Some(max_age)) if now.since(state.read) > max_age => {
+            (Some(state), Presence::Online, Some(max_age))
+                if is_doubted || now.since(state.read) > max_age =>
+            {
                 PointQuality::Stale
             }
             (Some(_), Presence::Online, Some(_)) => PointQuality::Good,

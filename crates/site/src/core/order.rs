@@ -146,6 +146,9 @@ impl Context {
             state.note_fault(module, &end);
             state.release(module, &effect, acted, &limits);
             state.note_own_pulse(module, points, (order.op, acted), &end);
+            if acted == Acted::Perhaps {
+                state.site.doubt_points(module, points);
+            }
             state.states(module, &after)
         });
         let ended = end_of(&end);

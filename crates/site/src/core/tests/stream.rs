@@ -123,6 +123,52 @@ fn what_a_module_does_is_told_of_its_points() {
     assert_eq!(told(&mut world), [PointQuality::Bad(BadReason::NeverRead)]);
 }
 
+/// It was acknowledged, and nobody has read it since: what was read before is not how it is.
+#[test]
+fn a_value_from_before_a_command_is_stale_until_it_is_read_again() {
+    let mut world = oven();
+    (world.polls, world.only_acknowledged) = (false, true);
+    let on = world.write("li", ("oven", 1), true);
+    world.pass(ms(300));
+    assert!(on.now().is_ok());
+    let of = |world: &World, number| {
+        let core = world.core.as_ref().unwrap();
+        core.state.point_of("oven", k(number)).unwrap()
+    };
+    let first = of(&world, 1);
+    assert_eq!(first.value, Some(PointValue::Bool(false)));
+    assert_eq!(first.quality, PointQuality::Stale);
+    assert_eq!(
+        of(&world, 2).quality,
+        PointQuality::Good,
+        "nobody commanded it"
+    );
+    world.saw(OVEN, &Op::ReadOutputs, outputs(1));
+    let read = of(&world, 1);
+    assert_eq!(read.value, Some(PointValue::Bool(true)));
+    assert_eq!(read.quality, PointQuality::Good);
+}
+
+/// It answers again, and may have been without power.
+#[test]
+fn a_value_from_before_a_silence_is_stale_until_it_is_read_again() {
+    let mut world = oven();
+    world.polls = false;
+    told(&mut world);
+    let presence = |presence| {
+        LineEvent::Bus(Event::Presence {
+            module: OVEN.module,
+            presence,
+        })
+    };
+    world.line(OVEN, &presence(Presence::Silent));
+    assert_eq!(told(&mut world), [PointQuality::Bad(BadReason::Offline)]);
+    world.line(OVEN, &presence(Presence::Online));
+    assert_eq!(told(&mut world), [PointQuality::Stale]);
+    world.saw(OVEN, &Op::ReadOutputs, outputs(0));
+    assert_eq!(told(&mut world), [PointQuality::Good]);
+}
+
 #[test]
 fn what_becomes_of_a_line_is_told_of_its_points() {
     let mut world = oven();
