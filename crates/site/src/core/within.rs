@@ -38,7 +38,7 @@ impl Default for Within {
 
 impl Context {
     /// When a command expires that is given now.
-    pub(super) fn expires(&self, within: Within) -> Micros {
+    pub(crate) fn expires(&self, within: Within) -> Micros {
         self.now() + within.0
     }
 }

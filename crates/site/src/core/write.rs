@@ -91,7 +91,7 @@ impl Context {
 
     /// The same at the board that had the name in an earlier configuration, as one of several
     /// steps that has until then: see [`Context::turn_since`].
-    pub(super) async fn write_since(
+    pub(crate) async fn write_since(
         &self,
         since: &Config,
         who: &Who,

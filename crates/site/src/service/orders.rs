@@ -13,6 +13,7 @@ use crate::{CommandError, Config, Rights};
 use railbus_device::Point;
 use railbus_host::Fault;
 use railbus_wire::Micros;
+use std::sync::Arc;
 use tokio::sync::oneshot;
 
 /// The outputs that a command may switch.
@@ -113,6 +114,28 @@ impl Service {
         let outputs = Outputs::OfModule(module, set);
         self.order(outputs, |core, who| async move {
             core.write(&who, &name, &asked, terms).await
+        })
+        .await
+    }
+
+    /// The same for the board that had this name in an earlier configuration: for a caller who
+    /// knows the outputs by that one.
+    ///
+    /// # Errors
+    /// As [`Service::write`]; [`Fault::Closed`] where the name is another board's by now.
+    pub async fn write_since(
+        &self,
+        since: &Arc<Config>,
+        module: &str,
+        set: &[(Point, bool)],
+        terms: WriteTerms,
+    ) -> Result<WriteDone, CommandError> {
+        let (since, name, asked) = (Arc::clone(since), module.to_owned(), set.to_vec());
+        let outputs = Outputs::OfModule(module, set);
+        self.order(outputs, |core, who| async move {
+            let until = core.expires(terms.within);
+            core.write_since(&since, &who, &name, &asked, (terms, until))
+                .await
         })
         .await
     }
