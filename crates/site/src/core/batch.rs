@@ -188,7 +188,8 @@ impl Context {
         let places: Vec<Place> = items.iter().map(|item| item.1.clone()).collect();
         match self.turn_since(since, places, bound.expires).await {
             Ok(turn) => {
-                // Meanwhile the configuration may have changed. What was refused before has no turn.
+                // Meanwhile the configuration may have changed. What was refused before has no
+                // turn.
                 let (now, may) = self.with(|state| state.checked(who, set, bound.terms));
                 for (number, ..) in &items {
                     let ends = done.parts.get_mut(*number).zip(now.parts.get(*number));
