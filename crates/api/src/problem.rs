@@ -242,6 +242,10 @@ pub mod codes {
         OUTLET_ENDED = "E0875", 500;
         /// Also `name`.
         OUTLET_STUCK = "E0880", 504;
+        /// Also `reason`: the modules.
+        NOT_A_UNIT = "E0886", 409;
+        /// Also `reason`: the modules and their unit.
+        UNIT_TAKEN = "E0887", 409;
         /// Also `listen`, `reason`.
         OUTLET_LISTEN = "E0895", 502;
         /// Also `name`.

@@ -300,6 +300,7 @@ pub(super) async fn edit(
         lang: language::spoken(headers, site.lang),
         who: &who.name,
         seen: seen(headers),
+        is_fact: false,
     };
     let change = |before: &str| {
         let text = change(before)?;

@@ -160,6 +160,7 @@ impl Run {
             lang: *lang,
             who,
             seen: None,
+            is_fact: true,
         };
         let moved = |text: &str| {
             let moved = edit::moved(text, module, place);

@@ -1,15 +1,15 @@
 //! One connection of a client, without I/O: bytes in, answers out, and writes to be begun.
 //!
-//! Requests to one unit are answered in their order. While a write to it is under way the requests
-//! after it wait; those to other units don't, so that a module that does not answer holds up no
-//! other.
+//! Requests to one unit are answered in their order, except where too many wait. While a write to
+//! it is under way the requests after it wait; those to other units don't, so that a module that
+//! does not answer holds up no other.
 
 use super::ends::{self, LastEnd};
 use super::image::{Look, UnitImage};
 use super::map::Space;
 use railbus_device::Point;
 use railbus_host::Confirmation;
-use railbus_site::CommandError;
+use railbus_site::{CommandError, Config};
 use railbus_wire::mbap::{self, Message};
 use railbus_wire::rtu::{self, Exception, Identification, Request, WordBlock};
 use railbus_wire::{Address, Decoded, Frame, Words};
@@ -17,7 +17,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
 /// How many requests of a connection may wait for the end of a command.
-const WAITING_MAX: usize = 16;
+pub(super) const WAITING_MAX: usize = 16;
 /// Functions that no module here has, so that the codec of modules does not know them.
 const MASK_WRITE: u8 = 0x16;
 const READ_WRITE: u8 = 0x17;
@@ -37,10 +37,12 @@ pub(super) struct Units<'a> {
     pub(super) look: Look<'a>,
     /// What the site is called.
     pub(super) site: &'a str,
+    /// The configuration that they are of.
+    pub(super) config: &'a Arc<Config>,
 }
 
 /// A write to be carried out by the site.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(super) struct UnitWrite {
     /// The unit.
     pub(super) unit: u8,
@@ -50,6 +52,8 @@ pub(super) struct UnitWrite {
     pub(super) set: Vec<(Point, bool)>,
     /// The number of the command among those to this unit.
     pub(super) number: u16,
+    /// The configuration by which the unit was this module.
+    pub(super) asked_by: Arc<Config>,
     transaction: u16,
     /// The beginning of the request, which the answer repeats [MODBUS §2.3] [MODBUS §2.4].
     echo: Vec<u8>,
@@ -60,9 +64,23 @@ pub(super) struct UnitWrite {
 /// How a write ended; an error with the digits of its code.
 pub(super) type WriteEnd = Result<Confirmation, (CommandError, u16)>;
 
+/// A write has ended: its unit says so from now on, whether or not somebody waits.
+pub(super) fn note_end(images: &mut BTreeMap<u8, UnitImage>, write: &UnitWrite, end: &WriteEnd) {
+    let (told, code) = match end {
+        Ok(confirmed) => (LastEnd::from(*confirmed), 0),
+        Err((failure, code)) => (ends::of_failure(failure).1, *code),
+    };
+    let image = images.get_mut(&write.unit);
+    if let Some(image) = image.filter(|image| image.module == write.module) {
+        image.ended(write.number, told, code);
+    }
+}
+
 /// A request that waits until a write to its unit has ended.
 #[derive(Debug)]
 struct Held {
+    /// By another one the unit may be another module.
+    asked_by: Arc<Config>,
     transaction: u16,
     pdu: Vec<u8>,
 }
@@ -131,6 +149,7 @@ impl ModbusConn {
             Some(held) => {
                 self.waiting += 1;
                 held.push_back(Held {
+                    asked_by: Arc::clone(units.config),
                     transaction: message.transaction,
                     pdu: message.pdu.to_vec(),
                 });
@@ -176,7 +195,7 @@ impl ModbusConn {
         if let (Some(&(MASK_WRITE | READ_WRITE)), Some(image)) =
             (pdu.first(), units.images.get_mut(&unit))
         {
-            return self.combined(transaction, unit, pdu, image);
+            return self.combined((transaction, unit), pdu, image, units.config);
         }
         let exchange = rtu::Exchange::decode_pdu(Address(unit), pdu);
         let request = match &exchange {
@@ -213,7 +232,8 @@ impl ModbusConn {
                 let set = image.writes(request)?;
                 // Every write has these [MODBUS §2.3].
                 let echo = pdu.get(..5).ok_or(Exception::VALUE)?;
-                return self.begin((transaction, unit), image, set, (echo, None));
+                let unit = (transaction, unit);
+                return self.begin(unit, (image, units.config), set, (echo, None));
             }
             Request::Identify { code, object } => {
                 let model = image.setup.family.profile().model;
@@ -265,31 +285,24 @@ impl ModbusConn {
             Identification::NAME,
         ];
         let all: Vec<(u8, &str)> = NUMBERS.into_iter().zip(said).collect();
-        let from = |objects: &[(u8, &'_ str)]| -> Vec<(u8, String)> {
-            let wanted = objects.iter().filter(|(number, _)| *number >= object);
-            let ascii = |text: &str| {
-                text.chars()
-                    .filter(char::is_ascii_graphic)
-                    .take(48)
-                    .collect()
-            };
-            wanted
-                .map(|(number, text)| (*number, ascii(text)))
-                .collect()
-        };
-        let objects = match code {
-            1 => from(all.get(..3).unwrap_or_default()),
-            2 | 3 => from(&all),
-            4 => {
-                let mut one = from(&all);
-                one.retain(|(number, _)| *number == object);
-                one
-            }
+        let listed = match code {
+            1 => all.get(..3).unwrap_or_default(),
+            2..=4 => &all,
             _ => return Err(Exception::VALUE),
         };
-        if objects.is_empty() {
-            return Err(Exception::ADDRESS);
-        }
+        let at = listed.iter().position(|(number, _)| *number == object);
+        let wanted = match (code, at) {
+            (4, None) => return Err(Exception::ADDRESS),
+            (4, Some(at)) => listed.get(at..=at),
+            // One that does not exist is the first.
+            (_, at) => listed.get(at.unwrap_or(0)..),
+        };
+        let is_text = |letter: &char| (' '..='~').contains(letter);
+        let ascii = |text: &str| text.chars().filter(is_text).take(48).collect();
+        let wanted = wanted.unwrap_or_default().iter();
+        let objects: Vec<(u8, String)> = wanted
+            .map(|(number, text)| (*number, ascii(text)))
+            .collect();
         let texts: Vec<(u8, &str)> = objects
             .iter()
             .map(|(number, text)| (*number, text.as_str()))
@@ -309,10 +322,10 @@ impl ModbusConn {
     /// Functions 16h and 17h: some bits of a register, and a read after a write.
     fn combined(
         &mut self,
-        transaction: u16,
-        unit: u8,
+        (transaction, unit): (u16, u8),
         pdu: &[u8],
         image: &mut UnitImage,
+        config: &Arc<Config>,
     ) -> Result<(), Exception> {
         match *pdu {
             [
@@ -333,7 +346,7 @@ impl ModbusConn {
                     self.close(transaction, begun);
                     return Ok(());
                 }
-                self.begin((transaction, unit), image, set, (pdu, None))
+                self.begin((transaction, unit), (image, config), set, (pdu, None))
             }
             [
                 READ_WRITE,
@@ -362,7 +375,7 @@ impl ModbusConn {
                 let set = image.writes(&Request::WriteRegisters(block))?;
                 let begins = [READ_WRITE, w1, w0];
                 let reads = Some((start, count));
-                self.begin((transaction, unit), image, set, (&begins, reads))
+                self.begin((transaction, unit), (image, config), set, (&begins, reads))
             }
             _ => Err(Exception::VALUE),
         }
@@ -371,7 +384,7 @@ impl ModbusConn {
     fn begin(
         &mut self,
         (transaction, unit): (u16, u8),
-        image: &mut UnitImage,
+        (image, config): (&mut UnitImage, &Arc<Config>),
         set: Vec<(Point, bool)>,
         (echo, reads): (&[u8], Option<(u16, u16)>),
     ) -> Result<(), Exception> {
@@ -390,6 +403,7 @@ impl ModbusConn {
             module: Arc::clone(&image.module),
             set,
             number: last.number,
+            asked_by: Arc::clone(config),
             transaction,
             echo: echo.to_vec(),
             reads,
@@ -402,17 +416,6 @@ impl ModbusConn {
     /// A write has ended: answers it, and what waited for it.
     pub(super) fn ended(&mut self, write: &UnitWrite, end: &WriteEnd, units: &mut Units<'_>) {
         self.waiting = self.waiting.saturating_sub(1);
-        let (told, code) = match end {
-            Ok(confirmed) => (LastEnd::from(*confirmed), 0),
-            Err((failure, code)) => (ends::of_failure(failure).1, *code),
-        };
-        // Not where another command to the unit has begun meanwhile, over another connection.
-        if let Some(image) = units.images.get_mut(&write.unit)
-            && image.module == write.module
-            && image.last.number == write.number
-        {
-            (image.last.end, image.last.code) = (told, code);
-        }
         match end {
             Ok(_) => self.written(write, units),
             Err((failure, _)) => {
@@ -423,6 +426,10 @@ impl ModbusConn {
         let mut held = self.busy.remove(&write.unit).unwrap_or_default();
         while let Some(next) = held.pop_front() {
             self.waiting = self.waiting.saturating_sub(1);
+            if !Arc::ptr_eq(&next.asked_by, units.config) {
+                self.refuse(next.transaction, write.unit, &next.pdu, Exception::BUSY);
+                continue;
+            }
             self.execute(next.transaction, write.unit, &next.pdu, units);
             if let Some(behind) = self.busy.get_mut(&write.unit) {
                 // It is a write itself.
@@ -449,7 +456,8 @@ impl ModbusConn {
                 let space = Space::HoldingRegisters;
                 image.read_words(space, span, units.look, &mut self.out)
             }
-            _ => Err(Exception::PATH),
+            // It was carried out, but where it is to be read nobody knows.
+            _ => Err(Exception::TARGET),
         };
         match read {
             Ok(()) => {

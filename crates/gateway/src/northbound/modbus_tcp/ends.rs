@@ -67,7 +67,9 @@ pub(super) const fn number_of(quality: PointQuality) -> u16 {
     }
 }
 
-/// The exception for a command that was not done, and whether it may have acted.
+/// The exception for a command that was not done. One that may have acted is always
+/// [`Exception::TARGET`], also if an output was read back otherwise: of several, others may have
+/// been switched.
 pub(super) fn of_failure(failure: &CommandError) -> (Exception, LastEnd) {
     let exception = match failure {
         CommandError::NoSuchLine
@@ -98,13 +100,10 @@ pub(super) fn of_failure(failure: &CommandError) -> (Exception, LastEnd) {
         | CommandError::Playing => Exception::FAILURE,
         CommandError::NotRead(fault) | CommandError::Line(fault) => of_fault(fault),
     };
-    let end = match failure {
-        // It was read back, and is not so.
-        CommandError::Line(Fault::NotVerified) => LastEnd::Failed,
-        failure if failure.may_have_acted() => LastEnd::Unknown,
-        _ => LastEnd::Failed,
-    };
-    (exception, end)
+    match failure.may_have_acted() {
+        true => (Exception::TARGET, LastEnd::Unknown),
+        false => (exception, LastEnd::Failed),
+    }
 }
 
 const fn of_fault(fault: &Fault) -> Exception {
@@ -113,10 +112,12 @@ const fn of_fault(fault: &Fault) -> Exception {
         Fault::Overloaded | Fault::Expired => Exception::BUSY,
         Fault::Locked => Exception::ADDRESS,
         Fault::Closed => Exception::PATH,
-        Fault::NotVerified | Fault::Refused(_) => Exception::FAILURE,
-        Fault::NoReply(_) | Fault::Garbled(_) | Fault::Unknown | Fault::OtherModel { .. } => {
-            Exception::TARGET
-        }
+        Fault::Refused(_) => Exception::FAILURE,
+        Fault::NotVerified
+        | Fault::NoReply(_)
+        | Fault::Garbled(_)
+        | Fault::Unknown
+        | Fault::OtherModel { .. } => Exception::TARGET,
     }
 }
 
@@ -145,8 +146,8 @@ mod tests {
             ),
             (
                 CommandError::Line(Fault::NotVerified),
-                Exception::FAILURE,
-                LastEnd::Failed,
+                Exception::TARGET,
+                LastEnd::Unknown,
             ),
             (
                 CommandError::Line(Fault::Expired),

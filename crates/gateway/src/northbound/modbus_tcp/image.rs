@@ -14,6 +14,8 @@ pub(super) struct UnitImage {
     pub(super) module: Arc<str>,
     /// What it is.
     pub(super) setup: Setup,
+    /// Its line, by name.
+    line: String,
     map: UnitMap,
     outputs: Vec<Cell>,
     inputs: Vec<Cell>,
@@ -50,7 +52,7 @@ pub(super) type Look<'a> = &'a dyn Fn(&str) -> [u16; 3];
 
 impl UnitImage {
     /// A module of which nothing is known yet.
-    pub(super) fn new(module: &str, setup: Setup, is_uniform: bool) -> UnitImage {
+    pub(super) fn new(module: &str, line: &str, setup: Setup, is_uniform: bool) -> UnitImage {
         let unread = Cell {
             value: None,
             quality: PointQuality::Bad(BadReason::NeverRead),
@@ -60,12 +62,29 @@ impl UnitImage {
         UnitImage {
             module: module.into(),
             setup,
+            line: line.to_owned(),
             map: UnitMap::of(&setup, is_uniform),
             outputs: cells(PointKind::Output),
             inputs: cells(PointKind::Input),
             analogs: cells(PointKind::Analog),
             variables: cells(PointKind::Variable),
             last: LastCommand::default(),
+        }
+    }
+
+    /// Goes on with the last command of an image of the same board, under the same name.
+    pub(super) fn goes_on_from(&mut self, before: &UnitImage) {
+        let is_same = self.module == before.module && self.line == before.line;
+        if is_same && self.setup == before.setup {
+            self.last = before.last;
+        }
+    }
+
+    /// A command to it has ended, with this error code. Nothing changes where another one has begun
+    /// meanwhile.
+    pub(super) fn ended(&mut self, number: u16, end: LastEnd, code: u16) {
+        if self.last.number == number {
+            (self.last.end, self.last.code) = (end, code);
         }
     }
 

@@ -15,6 +15,8 @@ mod conn;
 mod ends;
 mod image;
 mod map;
+#[cfg(test)]
+mod served;
 mod server;
 mod settings;
 mod table;

@@ -1,12 +1,14 @@
 //! Sockets: who may connect, and for how long.
 
-use super::conn::{Answered, GATEWAY, ModbusConn, UnitWrite, Units, WriteEnd};
+use super::conn::{self, Answered, GATEWAY, ModbusConn, UnitWrite, Units, WriteEnd};
 use super::image::UnitImage;
 use super::{not_listening, settings};
 use crate::northbound::outlet::{Outlet, Report};
 use railbus_api::problem::{Problem, codes};
 use railbus_app::api::failures;
-use railbus_host::{Fault, Presence};
+use railbus_host::Presence;
+use railbus_site::config::Invalid;
+use railbus_site::config::change::Keys;
 use railbus_site::{Config, News, PointStatus, Service, Within, WriteTerms};
 use railbus_wire::mbap::{self, Message};
 use railbus_wire::rtu::Identification;
@@ -22,20 +24,21 @@ use std::time::Duration;
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{mpsc, oneshot};
-use tokio::task::{JoinSet, LocalSet};
+use tokio::task::{Id, JoinSet, LocalSet, spawn_local, yield_now};
 use tokio::time::{Instant, sleep_until, timeout};
 
 /// How many clients there may be, and how many at one address.
 const CLIENTS_MAX: usize = 32;
 const PER_ADDRESS_MAX: usize = 8;
-/// A message has so long to become complete.
+/// A message has so long to become complete, and a client to take what it was answered.
 const PARTIAL_MAX: Duration = Duration::from_secs(10);
 /// A client that says nothing for so long is gone.
 const IDLE_MAX: Duration = Duration::from_secs(5 * 60);
-/// A client that leaves so many bytes of answers unread is closed.
+/// A client that leaves so many bytes of answers unread is not read any more.
 const UNREAD_MAX: usize = 64 * 1024;
-/// How much is read at a time.
+/// How much is read at a time, and how often before others have their turn.
 const READ_LEN: usize = 4 * 1024;
+const READS_MAX: usize = 4;
 /// After an error of the system no connection is accepted for so long.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
 /// How long a test waits.
@@ -46,6 +49,7 @@ struct Shared {
     service: Service,
     site: Arc<str>,
     report: Report,
+    settings: Keys,
     state: RefCell<State>,
     /// To be told once everything that has happened by now is in the images.
     sync: mpsc::Sender<oneshot::Sender<()>>,
@@ -53,9 +57,11 @@ struct Shared {
 }
 
 struct State {
-    /// The configuration of which the units are.
+    /// The configuration that the units are of.
     config: Arc<Config>,
     images: BTreeMap<u8, UnitImage>,
+    /// Modules that are no unit by that configuration; none where all are.
+    problem: Option<Problem>,
 }
 
 /// Serves clients until it is to stop.
@@ -68,9 +74,8 @@ async fn serve(outlet: Outlet) -> Result<(), Problem> {
     let listen = outlet.listen();
     let failed = |error: io::Error| not_listening(listen, error);
     let listener = TcpListener::bind(listen).await.map_err(failed)?;
-    let keys = outlet.settings.borrow().clone();
-    let allowed = settings::allowed(&keys);
-    let is_uniform = settings::is_uniform(&keys);
+    let settings = outlet.settings.borrow().clone();
+    let allowed = settings::allowed(&settings);
     let (mut site, stopped) = (outlet.service.follow(), outlet.stopped());
     tokio::pin!(stopped);
     // One for each connection: it waits for its answer before it asks again.
@@ -80,94 +85,119 @@ async fn serve(outlet: Outlet) -> Result<(), Problem> {
         service: outlet.service.clone(),
         site: Arc::clone(&outlet.site),
         report: outlet.report.clone(),
+        settings,
         state: RefCell::new(State {
-            config: outlet.service.config(),
+            config: Arc::default(),
             images: BTreeMap::new(),
+            problem: None,
         }),
         sync,
         within: Within::new(within).unwrap_or_default(),
     });
-    let take = |news: News| shared.take(&keys, is_uniform, &news);
-    let mut clients: JoinSet<IpAddr> = JoinSet::new();
-    let mut at_address: BTreeMap<IpAddr, usize> = BTreeMap::new();
+    let mut clients = JoinSet::new();
+    let mut addresses: BTreeMap<Id, IpAddr> = BTreeMap::new();
+    let mut accepts_at = Instant::now();
     outlet.report.ready();
     loop {
+        let accepts = accepts_at <= Instant::now();
+        // In this order: however many requests come, values are those of now, and it stops.
         tokio::select! {
+            biased;
             () = &mut stopped => return Ok(()),
             news = site.next() => match news {
-                Some(news) => take(news)?,
+                Some(news) => shared.take(&news),
                 None => return Ok(()),
             },
             Some(done) = syncs.recv() => {
                 while let Some(news) = site.next_now() {
-                    take(news)?;
+                    shared.take(&news);
                 }
                 // Fails if the connection has gone.
                 let _ = done.send(());
             }
-            Some(gone) = clients.join_next() => if let Ok(address) = gone
-                && let Some(count) = at_address.get_mut(&address)
-            {
-                *count = count.saturating_sub(1);
-                if *count == 0 {
-                    at_address.remove(&address);
-                }
-            },
-            accepted = listener.accept() => match accepted {
+            Some(gone) = clients.join_next_with_id() => {
+                let id = match gone {
+                    Ok((id, ())) => id,
+                    Err(error) => error.id(),
+                };
+                addresses.remove(&id);
+            }
+            accepted = listener.accept(), if accepts => match accepted {
                 Ok((stream, from)) => {
                     let from = from.ip().to_canonical();
-                    let here = at_address.get(&from).copied().unwrap_or_default();
-                    let may = from.is_loopback() || allowed.iter().any(|net| net.contains(from));
-                    let fits = clients.len() < CLIENTS_MAX && here < PER_ADDRESS_MAX;
-                    if may && fits {
-                        at_address.insert(from, here + 1);
+                    // Also over an address of its own.
+                    let own = stream.local_addr().map(|at| at.ip().to_canonical());
+                    let is_here = from.is_loopback() || own.is_ok_and(|own| own == from);
+                    let may = is_here || allowed.iter().any(|net| net.contains(from));
+                    let here = addresses.values().filter(|address| **address == from);
+                    if may && clients.len() < CLIENTS_MAX && here.count() < PER_ADDRESS_MAX {
                         let service = outlet.service_for(from);
-                        clients.spawn_local(client(Rc::clone(&shared), service, stream, from));
+                        let client = client(Rc::clone(&shared), service, stream);
+                        let id = clients.spawn_local(client).id();
+                        addresses.insert(id, from);
                     } else {
                         shared.report.counts().dropped.fetch_add(1, Relaxed);
                     }
                 }
                 // The client was gone already, or there are too many open files.
-                Err(_) => tokio::time::sleep(ACCEPT_PAUSE).await,
+                Err(_) => accepts_at = Instant::now() + ACCEPT_PAUSE,
             },
+            () = sleep_until(accepts_at), if !accepts => {}
         }
     }
 }
 
 impl Shared {
     /// Takes over what happened at the site.
-    fn take(
-        &self,
-        keys: &railbus_site::config::change::Keys,
-        is_uniform: bool,
-        news: &News,
-    ) -> Result<(), Problem> {
-        let state = &mut *self.state.borrow_mut();
-        match news {
-            News::Picture(picture) => {
-                let config = self.service.config();
-                // Refused with the configuration, so that it is never so.
-                let units = settings::units(keys, &config);
-                let units = units.map_err(|_| Problem::new(codes::OUTLET_ENDED))?;
-                let images = units.into_iter().filter_map(|(unit, name)| {
-                    let setup = config.modules.get(&name)?.setup;
-                    let mut image = UnitImage::new(&name, setup, is_uniform);
-                    let before = state.images.get(&unit);
-                    if let Some(before) = before.filter(|before| before.module == image.module) {
-                        image.last = before.last;
-                    }
-                    Some((unit, image))
-                });
-                state.images = images.collect();
-                state.config = config;
-                apply(&mut state.images, picture.points.iter());
-            }
+    fn take(&self, news: &News) {
+        let (config, points): (_, Box<dyn Iterator<Item = &PointStatus>>) = match news {
+            News::Picture(picture) => (&picture.config, Box::new(picture.points.iter())),
             News::Batch(batch) => {
                 let points = batch.points.iter().map(|reading| &reading.status);
-                apply(&mut state.images, points);
+                (&batch.config, Box::new(points))
+            }
+        };
+        let state = &mut *self.state.borrow_mut();
+        if !Arc::ptr_eq(config, &state.config) {
+            self.reconfigure(state, config);
+        }
+        for point in points {
+            let mut units = state.images.values_mut();
+            if let Some(unit) = units.find(|unit| *unit.module == *point.module) {
+                unit.apply(point);
             }
         }
-        Ok(())
+    }
+
+    /// The units of another configuration. Nothing is known of their points until it is told.
+    fn reconfigure(&self, state: &mut State, config: &Arc<Config>) {
+        let is_uniform = settings::is_uniform(&self.settings);
+        let names = settings::units(&self.settings, config);
+        let images = names.by_unit.into_iter().filter_map(|(unit, name)| {
+            let module = config.modules.get(&name)?;
+            let mut image = UnitImage::new(&name, &module.line, module.setup, is_uniform);
+            if let Some(before) = state.images.get(&unit) {
+                image.goes_on_from(before);
+            }
+            Some((unit, image))
+        });
+        state.images = images.collect();
+        state.config = Arc::clone(config);
+        // A configuration in which a module has moved comes into force without being asked.
+        let problem = names.problems.first().map(|problem| match problem {
+            Invalid::UnitTaken(unit, modules) => Problem::new(codes::UNIT_TAKEN)
+                .with("reason", format!("{}: {unit}", modules.join(", "))),
+            Invalid::NeedsUnit(module) => {
+                Problem::new(codes::NOT_A_UNIT).with("reason", module.as_str())
+            }
+            _ => Problem::new(codes::NOT_A_UNIT),
+        });
+        let was_wrong = std::mem::replace(&mut state.problem, problem).is_some();
+        match &state.problem {
+            Some(problem) => self.report.failed(problem.clone(), 1, None),
+            None if was_wrong => self.report.worked(),
+            None => {}
+        }
     }
 
     /// Answers what a connection received.
@@ -178,32 +208,20 @@ impl Shared {
             images: &mut state.images,
             look: &look,
             site: &self.site,
+            config: &state.config,
         })
     }
 
-    /// Carries a write out. When this returns, its effect is in the images.
-    async fn carry_out(
-        &self,
-        service: &Service,
-        asked_by: &Arc<Config>,
-        write: &UnitWrite,
-    ) -> WriteEnd {
-        // By another configuration the unit may be another module.
-        let is_current = Arc::ptr_eq(asked_by, &service.config());
+    /// Carries a write out, for a client of this name. When this returns, its effect is in the
+    /// images, and its unit says how it ended.
+    async fn carry_out(&self, service: &Service, write: &UnitWrite) -> WriteEnd {
         let terms = WriteTerms {
             within: self.within,
             ..WriteTerms::default()
         };
-        let end = match is_current {
-            true => service.write(&write.module, &write.set, terms).await,
-            false => Err(Fault::Expired.into()),
-        };
-        let (done, synced) = oneshot::channel();
-        if self.sync.send(done).await.is_ok() {
-            // Fails if the outlet stops.
-            let _ = synced.await;
-        }
-        match end {
+        // At the board that was the unit when it was asked.
+        let end = service.write_since(&write.asked_by, &write.module, &write.set, terms);
+        let end = match end.await {
             Ok(done) => Ok(done.confirmed),
             Err(failure) => {
                 let point = write.set.first().map(|(point, _)| *point);
@@ -211,22 +229,20 @@ impl Shared {
                 let digits = problem.code.trim_start_matches('E').parse();
                 Err((failure, digits.unwrap_or_default()))
             }
+        };
+        let (done, synced) = oneshot::channel();
+        if self.sync.send(done).await.is_ok() {
+            // Fails if the outlet stops.
+            let _ = synced.await;
         }
+        conn::note_end(&mut self.state.borrow_mut().images, write, &end);
+        end
     }
 
     fn count(&self, answered: Answered) {
         let counts = self.report.counts();
         counts.sent.fetch_add(answered.good, Relaxed);
         counts.refused.fetch_add(answered.refused, Relaxed);
-    }
-}
-
-fn apply<'p>(images: &mut BTreeMap<u8, UnitImage>, points: impl Iterator<Item = &'p PointStatus>) {
-    for point in points {
-        let mut units = images.values_mut();
-        if let Some(unit) = units.find(|unit| *unit.module == *point.module) {
-            unit.apply(point);
-        }
     }
 }
 
@@ -248,22 +264,27 @@ fn look(service: &Service, module: &str) -> [u16; 3] {
     [tenths.unwrap_or(u16::MAX), presence, rtt]
 }
 
-/// Serves one client until it goes, or is to go; its address.
-async fn client(shared: Rc<Shared>, service: Service, stream: TcpStream, from: IpAddr) -> IpAddr {
+/// Serves one client until it goes, or is to go.
+async fn client(shared: Rc<Shared>, service: Service, stream: TcpStream) {
     // Only makes answers later.
     let _ = stream.set_nodelay(true);
-    shared.report.worked();
+    if shared.state.borrow().problem.is_none() {
+        shared.report.worked();
+    }
+    // No more can be under way than wait.
+    let (ended, ends) = mpsc::channel(conn::WAITING_MAX);
     let mut client = Client {
         shared,
         service,
         stream,
         conn: ModbusConn::default(),
-        writes: JoinSet::new(),
+        ended,
+        ends,
         heard: Instant::now(),
+        unsent: None,
     };
     // It is closed for whatever reason.
     let _ = client.serve().await;
-    from
 }
 
 struct Client {
@@ -272,57 +293,74 @@ struct Client {
     service: Service,
     stream: TcpStream,
     conn: ModbusConn,
-    writes: JoinSet<(UnitWrite, WriteEnd)>,
+    /// Writes that have ended. They go on where the client has gone.
+    ended: mpsc::Sender<(UnitWrite, WriteEnd)>,
+    ends: mpsc::Receiver<(UnitWrite, WriteEnd)>,
     /// When it last sent something that made sense.
     heard: Instant,
+    /// Since when it has taken nothing of what it was answered; none where it has all.
+    unsent: Option<Instant>,
 }
 
 impl Client {
     /// An error where it is to be closed.
     async fn serve(&mut self) -> io::Result<()> {
-        let until = sleep_until(self.heard + IDLE_MAX);
+        let until = sleep_until(self.closes_at());
         tokio::pin!(until);
-        self.conn.received.reserve(READ_LEN);
+        let mut reads = 0;
         loop {
+            let (is_read, is_unsent) = (self.conn.out.len() <= UNREAD_MAX, self.unsent.is_some());
             tokio::select! {
-                read = self.stream.readable() => {
-                    read?;
-                    match self.read() {
-                        Ok(()) => {}
-                        Err(error) if error.kind() == io::ErrorKind::WouldBlock => continue,
-                        Err(error) => return Err(error),
-                    }
-                    if self.conn.is_partial() {
-                        // Its last message has until then, unless more comes.
-                        until.as_mut().reset(self.heard + PARTIAL_MAX);
-                    }
-                }
-                Some(ended) = self.writes.join_next(), if !self.writes.is_empty() => {
-                    // Fails where it has panicked, which is the end of the connection.
-                    let (write, end) = ended.map_err(io::Error::other)?;
-                    let conn = &mut self.conn;
-                    self.shared.with_units(|units| conn.ended(&write, &end, units));
-                    self.begin_writes();
-                    self.write()?;
-                }
-                written = self.stream.writable(), if !self.conn.out.is_empty() => {
-                    written?;
-                    self.write()?;
-                }
                 () = &mut until => {
-                    let limit = match self.conn.is_partial() {
-                        true => PARTIAL_MAX,
-                        false => IDLE_MAX,
-                    };
                     // It is set back only here: a request costs no timer.
-                    let end = self.heard + limit;
+                    let end = self.closes_at();
                     if end <= Instant::now() {
                         return Err(io::ErrorKind::TimedOut.into());
                     }
                     until.as_mut().reset(end);
                 }
+                Some((write, end)) = self.ends.recv() => {
+                    let conn = &mut self.conn;
+                    self.shared.with_units(|units| conn.ended(&write, &end, units));
+                    self.begin_writes();
+                    self.write()?;
+                }
+                written = self.stream.writable(), if is_unsent => {
+                    written?;
+                    self.write()?;
+                }
+                read = self.stream.readable(), if is_read => {
+                    read?;
+                    match self.read() {
+                        Ok(()) => reads += 1,
+                        Err(error) if error.kind() == io::ErrorKind::WouldBlock => {
+                            reads = 0;
+                            continue;
+                        }
+                        Err(error) => return Err(error),
+                    }
+                }
+            }
+            if self.conn.is_partial() || self.unsent.is_some() {
+                // Earlier than it was set to, perhaps.
+                until.as_mut().reset(self.closes_at());
+            }
+            if reads >= READS_MAX {
+                // A client that never stops sending is always readable.
+                reads = 0;
+                yield_now().await;
             }
         }
+    }
+
+    /// When it is closed if nothing happens.
+    fn closes_at(&self) -> Instant {
+        let heard = match self.conn.is_partial() {
+            true => self.heard + PARTIAL_MAX,
+            false => self.heard + IDLE_MAX,
+        };
+        self.unsent
+            .map_or(heard, |since| heard.min(since + PARTIAL_MAX))
     }
 
     /// Reads what is there, and answers it.
@@ -348,12 +386,12 @@ impl Client {
     fn begin_writes(&mut self) {
         while let Some(write) = self.conn.writes.pop_front() {
             let (shared, service) = (Rc::clone(&self.shared), self.service.clone());
-            let asked_by = Arc::clone(&shared.state.borrow().config);
-            let carry_out = async move {
-                let end = shared.carry_out(&service, &asked_by, &write).await;
-                (write, end)
-            };
-            self.writes.spawn_local(carry_out);
+            let ended = self.ended.clone();
+            spawn_local(async move {
+                let end = shared.carry_out(&service, &write).await;
+                // Fails where the client has gone.
+                let _ = ended.send((write, end)).await;
+            });
         }
     }
 
@@ -362,15 +400,18 @@ impl Client {
         self.shared.count(std::mem::take(&mut self.conn.answered));
         while !self.conn.out.is_empty() {
             match self.stream.try_write(&self.conn.out) {
-                Ok(count) => _ = self.conn.out.drain(..count),
-                Err(error) if error.kind() == io::ErrorKind::WouldBlock => break,
+                Ok(count) => {
+                    self.conn.out.drain(..count);
+                    self.unsent = None;
+                }
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => {
+                    self.unsent.get_or_insert_with(Instant::now);
+                    break;
+                }
                 Err(error) => return Err(error),
             }
         }
-        match self.conn.out.len() > UNREAD_MAX {
-            true => Err(io::ErrorKind::TimedOut.into()),
-            false => Ok(()),
-        }
+        Ok(())
     }
 }
 

@@ -71,26 +71,32 @@ pub(super) fn allowed(settings: &Keys) -> Vec<Network> {
         .collect()
 }
 
-/// Which module is which unit, or what is wrong with that.
-pub(super) fn units(settings: &Keys, config: &Config) -> Result<BTreeMap<u8, String>, Invalid> {
+/// Which module is which unit.
+#[derive(Debug, Default, PartialEq)]
+pub(super) struct UnitNames {
+    /// The modules by their units. Where two have the same, neither is one.
+    pub(super) by_unit: BTreeMap<u8, String>,
+    /// What is wrong with it.
+    pub(super) problems: Vec<Invalid>,
+}
+
+/// Which module is which unit.
+pub(super) fn units(settings: &Keys, config: &Config) -> UnitNames {
     let of = |key| texts(settings, key).collect::<Vec<_>>();
     let chosen: BTreeSet<&str> = of("modules").into_iter().collect();
+    let mut names = UnitNames::default();
     let mut given = BTreeMap::new();
     for text in of("units") {
-        let (module, unit) = text.split_once('=').ok_or(Invalid::BadUnit)?;
-        let module = module.trim();
-        let unit: u8 = unit.trim().parse().map_err(|_| Invalid::BadUnit)?;
-        if !(1..=UNIT_MAX).contains(&unit) {
-            return Err(Invalid::BadUnit);
-        }
-        if !config.modules.contains_key(module) {
-            return Err(Invalid::NoSuchModule);
-        }
-        if given.insert(module, unit).is_some() {
-            return Err(Invalid::NamedTwice);
+        match given_unit(text, config) {
+            Ok((module, unit)) => {
+                if given.insert(module, unit).is_some() {
+                    names.problems.push(Invalid::NamedTwice);
+                }
+            }
+            Err(why) => names.problems.push(why),
         }
     }
-    let mut units: BTreeMap<u8, String> = BTreeMap::new();
+    let mut taken = BTreeSet::new();
     for (name, module) in &config.modules {
         if !chosen.is_empty() && !chosen.contains(name.as_str()) {
             continue;
@@ -98,13 +104,29 @@ pub(super) fn units(settings: &Keys, config: &Config) -> Result<BTreeMap<u8, Str
         let unit = given.get(name.as_str()).copied();
         let unit = unit.unwrap_or(module.setup.address.0);
         if !(1..=UNIT_MAX).contains(&unit) {
-            return Err(Invalid::NeedsUnit(name.clone()));
-        }
-        if let Some(other) = units.insert(unit, name.clone()) {
-            return Err(Invalid::UnitTaken(unit, [other, name.clone()]));
+            names.problems.push(Invalid::NeedsUnit(name.clone()));
+        } else if let Some(other) = names.by_unit.insert(unit, name.clone()) {
+            let both = [other, name.clone()];
+            names.problems.push(Invalid::UnitTaken(unit, both));
+            taken.insert(unit);
         }
     }
-    Ok(units)
+    names.by_unit.retain(|unit, _| !taken.contains(unit));
+    names
+}
+
+/// A module and its unit, as `pump=4`.
+fn given_unit<'t>(text: &'t str, config: &Config) -> Result<(&'t str, u8), Invalid> {
+    let (module, unit) = text.split_once('=').ok_or(Invalid::BadUnit)?;
+    let module = module.trim();
+    let unit: u8 = unit.trim().parse().map_err(|_| Invalid::BadUnit)?;
+    if !(1..=UNIT_MAX).contains(&unit) {
+        return Err(Invalid::BadUnit);
+    }
+    match config.modules.contains_key(module) {
+        true => Ok((module, unit)),
+        false => Err(Invalid::NoSuchModule),
+    }
 }
 
 /// Whether all modules have the same map.
@@ -125,7 +147,8 @@ pub(super) fn check(settings: &Keys, config: &Config) -> Vec<(&'static str, Inva
     if texts(settings, "allow").any(|text| Network::parse(text).is_none()) {
         found.push(("allow", Invalid::BadNetwork));
     }
-    found.extend(units(settings, config).err().map(|why| ("units", why)));
+    let problems = units(settings, config).problems.into_iter();
+    found.extend(problems.map(|why| ("units", why)));
     found
 }
 
@@ -172,13 +195,22 @@ mod tests {
 
     #[test]
     fn a_unit_is_an_address_unless_it_is_said() {
-        let units = |settings| units(&keys(settings), &config());
+        let units = |settings| {
+            let names = units(&keys(settings), &config());
+            match names.problems.is_empty() {
+                true => Ok(names.by_unit),
+                false => Err((
+                    names.by_unit.into_keys().collect::<Vec<u8>>(),
+                    names.problems,
+                )),
+            }
+        };
         let taken = Invalid::UnitTaken(3, ["oven".to_owned(), "pump".to_owned()]);
-        assert_eq!(units(json!({"units": ["tank=9"]})), Err(taken));
-        assert_eq!(
-            units(json!({"units": ["pump = 4"]})),
-            Err(Invalid::NeedsUnit("tank".to_owned()))
-        );
+        let neither = units(json!({"units": ["tank=9"]}));
+        assert_eq!(neither, Err((vec![9], vec![taken])), "the others go on");
+        let needs = Invalid::NeedsUnit("tank".to_owned());
+        let without = units(json!({"units": ["pump = 4"]}));
+        assert_eq!(without, Err((vec![3, 4], vec![needs])));
         let all = units(json!({"units": ["pump = 4", "tank=247"]})).unwrap();
         let named: Vec<(u8, &str)> = all.iter().map(|(unit, name)| (*unit, &**name)).collect();
         assert_eq!(named, [(3, "oven"), (4, "pump"), (247, "tank")]);
@@ -191,10 +223,11 @@ mod tests {
             ("pump=four", Invalid::BadUnit),
             ("pmup=4", Invalid::NoSuchModule),
         ] {
-            assert_eq!(units(json!({"units": [wrong]})), Err(why), "{wrong}");
+            let found = units(json!({"units": [wrong, "tank=5"], "modules": ["oven"]}));
+            assert_eq!(found, Err((vec![3], vec![why])), "{wrong}");
         }
         let twice = units(json!({"units": ["pump=4", "pump=5", "tank=6"]}));
-        assert_eq!(twice, Err(Invalid::NamedTwice));
+        assert_eq!(twice.unwrap_err().1, [Invalid::NamedTwice]);
     }
 
     #[test]

@@ -43,8 +43,7 @@ fn in_lang([en, zh]: Pair, lang: Lang) -> String {
 
 fn rows(settings: &Keys, config: &Config, lang: Lang) -> Vec<Vec<String>> {
     let is_uniform = settings::is_uniform(settings);
-    // None of a configuration that is not in force.
-    let units = settings::units(settings, config).unwrap_or_default();
+    let units = settings::units(settings, config).by_unit;
     let modules = units
         .iter()
         .filter_map(|(unit, name)| Some((*unit, name, config.modules.get(name)?)));

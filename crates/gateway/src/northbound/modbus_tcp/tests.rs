@@ -1,6 +1,6 @@
 //! A connection and its units, without sockets.
 
-use super::conn::{ModbusConn, UnitWrite, Units, WriteEnd};
+use super::conn::{ModbusConn, UnitWrite, Units, WriteEnd, note_end};
 use super::ends::LastEnd;
 use super::image::UnitImage;
 use railbus_device::{Point, PointKind};
@@ -9,9 +9,11 @@ use railbus_site::config::Range;
 use railbus_site::{BadReason, CommandError, Config, PointQuality, PointStatus, PointValue};
 use railbus_wire::mbap;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// Units and one client.
 struct Stage {
+    config: Arc<Config>,
     images: BTreeMap<u8, UnitImage>,
     conn: ModbusConn,
     transaction: u16,
@@ -36,7 +38,7 @@ impl Stage {
     /// An ERC-8 `oven`, a 0x55 board with 20 outputs and two variables, an EMD-2A2Q `tank` by the
     /// uniform map, and an EDA9060A that speaks ASCII. All outputs are off.
     fn new() -> Stage {
-        let config = Config::parse(SITE).unwrap();
+        let config = Arc::new(Config::parse(SITE).unwrap());
         let unit = |unit, name, is_uniform| (unit, name, config.modules[name].setup, is_uniform);
         let units = [
             unit(OVEN, "oven", false),
@@ -44,9 +46,11 @@ impl Stage {
             unit(TANK, "tank", true),
             unit(ASCII, "hall", false),
         ];
-        let images = units
-            .map(|(unit, name, setup, is_uniform)| (unit, UnitImage::new(name, setup, is_uniform)));
+        let images = units.map(|(unit, name, setup, is_uniform)| {
+            (unit, UnitImage::new(name, "main", setup, is_uniform))
+        });
         let mut stage = Stage {
+            config: Arc::clone(&config),
             images: images.into(),
             conn: ModbusConn::default(),
             transaction: 0,
@@ -94,7 +98,8 @@ impl Stage {
         let mut units = Units {
             images: &mut self.images,
             look: &look,
-            site: "plant",
+            site: "my plant",
+            config: &self.config,
         };
         work(&mut self.conn, &mut units)
     }
@@ -133,6 +138,7 @@ impl Stage {
     }
 
     fn end(&mut self, write: &UnitWrite, end: WriteEnd) {
+        note_end(&mut self.images, write, &end);
         self.with(|conn, units| conn.ended(write, &end, units));
     }
 
@@ -419,6 +425,51 @@ fn requests_behind_a_write_wait_and_those_to_other_units_do_not() {
     assert_eq!(stage.ask(OVEN, &[1, 0, 60, 0, 1]), [1, 1, 1]);
 }
 
+/// By another configuration the unit may be another module.
+#[test]
+fn what_waited_through_a_reload_is_not_carried_out() {
+    let mut stage = Stage::new();
+    let first = stage.send(OVEN, &[5, 0, 60, 0xFF, 0]);
+    let write = stage.write();
+    let second = stage.send(OVEN, &[5, 0, 62, 0xFF, 0]);
+    let third = stage.send(OVEN, &[1, 0, 60, 0, 1]);
+    let by_then = Arc::clone(&stage.config);
+    stage.config = Arc::new(Config::parse(SITE).unwrap());
+    stage.end(&write, Ok(Confirmation::Readback));
+    assert_eq!(
+        stage.answers(),
+        [
+            (first, vec![5, 0, 60, 0xFF, 0]),
+            (second, vec![0x85, 6]),
+            (third, vec![0x81, 6])
+        ]
+    );
+    assert_eq!(stage.conn.writes, []);
+    assert!(Arc::ptr_eq(&write.asked_by, &by_then));
+    stage.send(OVEN, &[5, 0, 62, 0xFF, 0]);
+    assert!(Arc::ptr_eq(&stage.write().asked_by, &stage.config));
+}
+
+/// Its unit says how it ended though its client has gone.
+#[test]
+fn the_end_of_a_command_is_noted_without_its_client() {
+    let mut stage = Stage::new();
+    stage.send(OVEN, &[5, 0, 60, 0xFF, 0]);
+    let write = stage.write();
+    stage.conn = ModbusConn::default();
+    note_end(&mut stage.images, &write, &no_reply());
+    let last = stage.images[&OVEN].last;
+    assert_eq!((last.end, last.code), (LastEnd::Unknown, 301));
+    // The same board goes on under its name, another one begins anew.
+    let setup = stage.images[&OVEN].setup;
+    let mut same = UnitImage::new("oven", "main", setup, false);
+    same.goes_on_from(&stage.images[&OVEN]);
+    assert_eq!(same.last, last);
+    let mut other = UnitImage::new("oven", "far", setup, false);
+    other.goes_on_from(&stage.images[&OVEN]);
+    assert_eq!(other.last.number, 0);
+}
+
 #[test]
 fn no_more_than_16_requests_wait() {
     let mut stage = Stage::new();
@@ -489,6 +540,11 @@ fn a_unit_says_what_it_is() {
     assert_eq!(texts(&answer), ["0 railbus", "1 railbus", &version]);
     let answer = stage.ask(OVEN, &[0x2B, 0x0E, 4, 1]);
     assert_eq!(texts(&answer), ["1 ERC-8"]);
+    let answer = stage.ask(255, &[0x2B, 0x0E, 2, 4]);
+    assert_eq!(texts(&answer), ["4 my plant"]);
+    // [BEYOND §5]: one that does not exist is the first.
+    let answer = stage.ask(255, &[0x2B, 0x0E, 1, 0x80]);
+    assert_eq!(texts(&answer).len(), 3);
     assert_eq!(stage.ask(OVEN, &[0x2B, 0x0E, 4, 3]), [0xAB, 2]);
     assert_eq!(stage.ask(OVEN, &[0x2B, 0x0E, 5, 0]), [0xAB, 3]);
     assert_eq!(stage.ask(OVEN, &[0x2B, 0x0D, 0, 0]), [0xAB, 1]);

@@ -1,0 +1,176 @@
+//! The server over sockets: what one client does holds up no other, and not its end.
+
+use crate::northbound::Northbound;
+use crate::northbound::supervisor::{OutletId, Supervised};
+use railbus_api::outlets::OutletState;
+use railbus_site::{Config, Service};
+use std::io::{Read as _, Write as _};
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::AtomicUsize;
+use std::sync::atomic::Ordering::Relaxed;
+use std::thread;
+use std::time::Duration;
+use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::{mpsc, watch};
+
+/// A site whose line can't be opened: its values are not known.
+const SITE: &str = "[line.main]\nport = \"/dev/ttyS99\"\n[module.oven]\nline = \"main\"\n\
+    model = \"erc8\"\naddress = 3\n";
+/// A read of the first coil of unit 3, and that it can't be told: it was never read, or its line is
+/// not there.
+const READ: [u8; 12] = [0, 7, 0, 0, 0, 6, 3, 1, 0, 60, 0, 1];
+const REFUSED: [u8; 8] = [0, 7, 0, 0, 0, 3, 3, 0x81];
+/// Long enough for the busiest machine; nothing is proven by it.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// How many answers to others may come before one, where they are many: what two clients are
+/// answered in a few turns, and what they take while this thread waits for the processor.
+const TURN_MAX: usize = 50_000;
+
+struct Served {
+    folder: PathBuf,
+    northbound: Arc<Northbound>,
+    at: SocketAddr,
+    _changes: watch::Sender<u64>,
+}
+
+impl Served {
+    async fn start(name: &str) -> Served {
+        let free = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let at = free.local_addr().unwrap();
+        drop(free);
+        let unique = format!("railbus-modbus-{}-{name}", std::process::id());
+        let folder = std::env::temp_dir().join(unique);
+        std::fs::create_dir_all(&folder).unwrap();
+        let text = format!("{SITE}[outlet.scada]\ntype = \"modbus_tcp\"\nlisten = \"{at}\"\n");
+        let service = Service::start_in(Config::parse(&text).unwrap(), &folder).unwrap();
+        let northbound = Northbound::new("here", &folder, &service);
+        let changes = watch::Sender::new(0);
+        northbound.run(changes.subscribe());
+        Served {
+            folder,
+            northbound,
+            at,
+            _changes: changes,
+        }
+    }
+
+    /// A connection, as soon as the server listens.
+    async fn connect(&self) -> TcpStream {
+        let id = OutletId {
+            kind: super::KIND.name,
+            name: "scada".to_owned(),
+        };
+        let listens = async {
+            loop {
+                let news = self.northbound.news.notified();
+                let state = self.northbound.look(&id, Supervised::state);
+                if state == Some(OutletState::Running) {
+                    return;
+                }
+                news.await;
+            }
+        };
+        tokio::time::timeout(PATIENCE, listens).await.unwrap();
+        TcpStream::connect(self.at).await.unwrap()
+    }
+}
+
+impl Drop for Served {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.folder);
+    }
+}
+
+async fn read(stream: &mut TcpStream) -> [u8; 9] {
+    let mut answer = [0; 9];
+    stream.write_all(&READ).await.unwrap();
+    let read = stream.read_exact(&mut answer);
+    tokio::time::timeout(PATIENCE, read).await.unwrap().unwrap();
+    answer
+}
+
+/// It sends without a pause, and takes every answer.
+#[tokio::test]
+async fn a_client_that_never_stops_asking_holds_up_nobody() {
+    let served = Served::start("floods").await;
+    let (mut flood, answered) = (Vec::new(), Arc::new(AtomicUsize::new(0)));
+    let (begins, mut began) = mpsc::unbounded_channel();
+    for _ in 0..2 {
+        let stream = served.connect().await.into_std().unwrap();
+        stream.set_nonblocking(false).unwrap();
+        let (mut from, mut to) = (stream.try_clone().unwrap(), stream);
+        let begins = begins.clone();
+        let (requests, count) = (READ.repeat(300), Arc::clone(&answered));
+        flood.push(thread::spawn(
+            move || {
+                while to.write_all(&requests).is_ok() {}
+            },
+        ));
+        flood.push(thread::spawn(move || {
+            let mut answers = vec![0; 64 * 1024];
+            assert!(from.read(&mut answers).unwrap() > 0);
+            begins.send(()).unwrap();
+            while let Ok(len @ 1..) = from.read(&mut answers) {
+                count.fetch_add(len / (REFUSED.len() + 1), Relaxed);
+            }
+        }));
+    }
+    let mut other = served.connect().await;
+    for _ in 0..2 {
+        began.recv().await.unwrap();
+    }
+    let mut before_it = Vec::new();
+    for _ in 0..21 {
+        let before = answered.load(Relaxed);
+        assert!(read(&mut other).await.starts_with(&REFUSED));
+        before_it.push(answered.load(Relaxed) - before);
+    }
+    before_it.sort_unstable();
+    // In its turn: not behind all that the others send.
+    assert!(before_it[10] < TURN_MAX, "{before_it:?}");
+    // It is to stop within a second, or is left alone and goes on answering.
+    served.northbound.close().await;
+    let mut byte = [0];
+    let end = tokio::time::timeout(PATIENCE, other.read(&mut byte)).await;
+    assert!(matches!(end, Ok(Ok(0) | Err(_))), "{end:?}");
+    for each in flood {
+        each.join().unwrap();
+    }
+}
+
+#[tokio::test]
+async fn no_more_than_eight_of_one_address_are_served() {
+    let served = Served::start("many").await;
+    let mut served_ones = Vec::new();
+    for _ in 0..8 {
+        let mut stream = served.connect().await;
+        assert!(read(&mut stream).await.starts_with(&REFUSED));
+        served_ones.push(stream);
+    }
+    let mut ninth = served.connect().await;
+    let mut byte = [0];
+    let end = tokio::time::timeout(PATIENCE, ninth.read(&mut byte)).await;
+    assert!(matches!(end, Ok(Ok(0) | Err(_))), "{end:?}");
+    for stream in &mut served_ones {
+        assert!(read(stream).await.starts_with(&REFUSED));
+    }
+    drop(served_ones.pop());
+    // There is room again, as soon as the server has noticed.
+    let again = async {
+        loop {
+            let mut stream = served.connect().await;
+            let mut answer = [0; 9];
+            let asked = stream.write_all(&READ).await.is_ok();
+            if asked && stream.read_exact(&mut answer).await.is_ok() {
+                return answer;
+            }
+        }
+    };
+    let answer = tokio::time::timeout(PATIENCE, again).await.unwrap();
+    assert!(answer.starts_with(&REFUSED));
+    served.northbound.close().await;
+}
