@@ -125,6 +125,9 @@ test("the page holds in every look", async () => {
     headers: { "X-CSRF-Token": csrf },
   });
   assert.equal(put.status(), 200, await put.text());
+  await daemon.owner("PUT", "/outlets/modbus_tcp/scada", { listen: "127.0.0.1:0", write: ["oven.*"] });
+  const csv = await made.request.get(`${daemon.origin}/api/v1/outlets/modbus_tcp/scada/map?format=csv&lang=en`);
+  assert.match(await csv.text(), /^Unit,Module,Point,.*\r\n(.*\r\n)*3,oven,k1,coil,60,"0 off, 1 on"\r\n/);
   await made.close();
   for (const look of LOOKS) {
     const t = words(look.lang);
@@ -132,6 +135,12 @@ test("the page holds in every look", async () => {
     await context.addCookies(cookies);
     await page.goto(`${daemon.origin}/integrations`);
     await page.getByText(t("outlet_state_off"), { exact: true }).waitFor();
+    const scada = page.locator("article", { hasText: "scada" });
+    await scada.getByText(t("outlet_state_running"), { exact: true }).waitFor();
+    await scada.getByRole("button", { name: t("outlet_map") }).click();
+    await page.getByRole("cell", { name: "60", exact: true }).first().waitFor();
+    assert.deepEqual([...wrong, ...(await faults(page))], [], `${JSON.stringify(look)}: the addresses`);
+    await page.keyboard.press("Escape");
     assert.deepEqual([...wrong, ...(await faults(page))], [], JSON.stringify(look));
     await page.getByRole("button", { name: t("outlet_new"), exact: true }).click();
     await page.getByLabel(t("outlet_name")).waitFor();
