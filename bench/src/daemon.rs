@@ -23,8 +23,16 @@ impl Drop for Running {
 
 /// Starts railbus, and returns its output up to the words `until`.
 pub fn start(words: &[&str], until: &str) -> Result<(Running, String), String> {
-    let program = program();
-    let mut child = Command::new(&program)
+    start_program(&program(), words, until)
+}
+
+/// Starts any program, and returns its output up to the words `until`.
+pub fn start_program(
+    program: &Path,
+    words: &[&str],
+    until: &str,
+) -> Result<(Running, String), String> {
+    let mut child = Command::new(program)
         .args(words)
         .env("RAILBUS_LANG", "en")
         .stdin(Stdio::null())
@@ -38,33 +46,52 @@ pub fn start(words: &[&str], until: &str) -> Result<(Running, String), String> {
     while !told.contains(until) {
         let read = stdout.read_line(&mut told).map_err(|why| why.to_string())?;
         if read == 0 {
-            return Err(format!("railbus {} ended: {told}", words.join(" ")));
+            let name = program.file_name().unwrap_or_default().display();
+            return Err(format!("{name} {} ended: {told}", words.join(" ")));
         }
     }
     Ok((running, told))
 }
 
+/// The folder of the main workspace.
+const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
+
+/// Names another build of the program, which is then measured as it is.
+const PROGRAM: &str = "RAILBUS_PROGRAM";
+
 /// Builds the program as released.
 pub fn build() -> Result<(), String> {
+    match std::env::var_os(PROGRAM) {
+        Some(_) => Ok(()),
+        None => build_package(ROOT, "railbus"),
+    }
+}
+
+/// Builds a package of the workspace in this folder as released.
+pub fn build_package(workspace: &str, package: &str) -> Result<(), String> {
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let mut command = Command::new(cargo);
-    command.args(["build", "--quiet", "--release", "--package", "railbus"]);
-    command.current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
+    command.args(["build", "--quiet", "--release", "--package", package]);
+    command.current_dir(workspace);
     let status = command.status().map_err(|why| format!("cargo: {why}"))?;
     status
         .success()
         .then_some(())
-        .ok_or_else(|| "railbus can't be built".to_owned())
+        .ok_or_else(|| format!("{package} can't be built"))
 }
 
-/// Its path; `RAILBUS_PROGRAM` names another build of it.
+/// Its path.
 fn program() -> PathBuf {
-    if let Some(program) = std::env::var_os("RAILBUS_PROGRAM") {
-        return program.into();
+    match std::env::var_os(PROGRAM) {
+        Some(program) => program.into(),
+        None => built(ROOT, "railbus"),
     }
-    let root = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
+}
+
+/// The path of a program that was built in this workspace.
+pub fn built(workspace: &str, name: &str) -> PathBuf {
     let target = std::env::var_os("CARGO_TARGET_DIR").unwrap_or_else(|| "target".into());
-    Path::new(root).join(target).join("release/railbus")
+    Path::new(workspace).join(target).join("release").join(name)
 }
 
 /// A temporary folder that is deleted after the measurement.

@@ -12,6 +12,8 @@
 //! railbus-bench gateway --write        the same, into its section of the page
 //! railbus-bench clients                what followers and requests cost the daemon
 //! railbus-bench clients --write        the same, into its section of the page
+//! railbus-bench modbus                 the Modbus TCP server beside others
+//! railbus-bench modbus --write         the same, into its section of the page
 //! railbus-bench --check                what must never get worse; for CI
 //! ```
 //!
@@ -32,6 +34,9 @@ mod limits;
 mod line;
 mod live;
 mod master;
+mod modbus;
+mod modbus_client;
+mod modbus_servers;
 mod paced;
 mod page;
 mod responder;
@@ -58,7 +63,7 @@ const PAGE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/performance.md"
 
 const USAGE: &str = "usage: railbus-bench \
     [all [--write FILE] | codec [--check | --update] | line [--count] | paced | \
-    gateway [--check | --write] | clients [--write] | --check]";
+    gateway [--check | --write] | clients [--write] | modbus [--write] | --check]";
 
 fn run(args: &[&str]) -> Result<(), String> {
     match *args {
@@ -75,6 +80,8 @@ fn run(args: &[&str]) -> Result<(), String> {
         ["gateway"] => gateway::measure().map(|told| print!("{told}")),
         ["clients"] => clients::measure().map(|told| print!("{told}")),
         ["clients", "--write"] => page::renew_clients(PAGE),
+        ["modbus"] => modbus::measure().map(|told| print!("{told}")),
+        ["modbus", "--write"] => page::renew_modbus(PAGE),
         ["gateway", "--write"] => page::renew_gateway(PAGE),
         ["gateway", "--check"] => gateway::measure().and_then(|told| {
             print!("{told}");
@@ -83,6 +90,7 @@ fn run(args: &[&str]) -> Result<(), String> {
         ["--check"] | ["all", "--check"] => page::check(),
         // The programs that are measured.
         ["--one", name, "--iterations", times] => codec::one(name, times),
+        ["--modbus-floor"] => modbus_servers::be_floor(),
         ["--master", name, scene, baud, path, count] => {
             let number = |text: &str| text.parse().map_err(|_| format!("`{text}` is no number"));
             let (baud, count): (u32, u32) = (number(baud)?, number(count)?);

@@ -237,6 +237,7 @@ fn start(program: &Program, root: &Path, args: &[&str]) -> Result<()> {
 /// `firmware` only what the boards share; the boards need a toolchain that has no clippy.
 const APART: &[&str] = &[
     "bench/Cargo.toml",
+    "bench/peers/tokio-modbus-server/Cargo.toml",
     "firmware/Cargo.toml",
     "fuzz/Cargo.toml",
     "interop/rig/Cargo.toml",
