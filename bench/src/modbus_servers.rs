@@ -4,6 +4,7 @@
 use crate::daemon::{self, Running, start_program};
 use std::io::{self, ErrorKind};
 use std::net::SocketAddr;
+use tokio::io::AsyncReadExt as _;
 use tokio::net::{TcpListener, TcpStream};
 
 /// The package of the server of tokio-modbus.
@@ -56,16 +57,13 @@ async fn floor(listener: &TcpListener) -> io::Result<()> {
 }
 
 /// Answers every message with eight coils, without a look at what it asks for.
-async fn answer(stream: TcpStream) -> io::Result<()> {
+async fn answer(mut stream: TcpStream) -> io::Result<()> {
     let mut received = [0; 4096];
     let (mut filled, mut out) = (0, Vec::new());
     loop {
-        stream.readable().await?;
-        match stream.try_read(&mut received[filled..]) {
-            Ok(0) => return Ok(()),
-            Ok(count) => filled += count,
-            Err(why) if why.kind() == ErrorKind::WouldBlock => continue,
-            Err(why) => return Err(why),
+        match stream.read(&mut received[filled..]).await? {
+            0 => return Ok(()),
+            count => filled += count,
         }
         let mut done = 0;
         while let Some(&[t1, t0, _, _, l1, l0, unit]) = received[done..filled].first_chunk() {
