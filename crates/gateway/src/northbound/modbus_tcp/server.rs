@@ -22,6 +22,7 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
+use tokio::net::tcp::{OwnedReadHalf, OwnedWriteHalf};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{mpsc, oneshot};
 use tokio::task::{Id, JoinSet, LocalSet, spawn_local, yield_now};
@@ -273,10 +274,12 @@ async fn client(shared: Rc<Shared>, service: Service, stream: TcpStream) {
     }
     // No more can be under way than wait.
     let (ended, ends) = mpsc::channel(conn::WAITING_MAX);
+    let (from, to) = stream.into_split();
     let mut client = Client {
         shared,
         service,
-        stream,
+        from,
+        to,
         conn: ModbusConn::default(),
         ended,
         ends,
@@ -291,7 +294,8 @@ struct Client {
     shared: Rc<Shared>,
     /// The site, in the name of this client.
     service: Service,
-    stream: TcpStream,
+    from: OwnedReadHalf,
+    to: OwnedWriteHalf,
     conn: ModbusConn,
     /// Writes that have ended. They go on where the client has gone.
     ended: mpsc::Sender<(UnitWrite, WriteEnd)>,
@@ -309,6 +313,8 @@ impl Client {
         tokio::pin!(until);
         let mut reads = 0;
         loop {
+            self.conn.received.reserve(READ_LEN);
+            let was_partial = self.conn.is_partial();
             let (is_read, is_unsent) = (self.conn.out.len() <= UNREAD_MAX, self.unsent.is_some());
             tokio::select! {
                 () = &mut until => {
@@ -325,20 +331,18 @@ impl Client {
                     self.begin_writes();
                     self.write()?;
                 }
-                written = self.stream.writable(), if is_unsent => {
+                written = self.to.writable(), if is_unsent => {
                     written?;
                     self.write()?;
                 }
-                read = self.stream.readable(), if is_read => {
-                    read?;
-                    match self.read() {
-                        Ok(()) => reads += 1,
-                        Err(error) if error.kind() == io::ErrorKind::WouldBlock => {
-                            reads = 0;
-                            continue;
-                        }
-                        Err(error) => return Err(error),
+                // Knows from a short read that there is no more: the next one waits.
+                read = self.from.read_buf(&mut self.conn.received), if is_read => {
+                    let len = read?;
+                    if len == 0 {
+                        return Err(io::ErrorKind::UnexpectedEof.into());
                     }
+                    self.answer(was_partial)?;
+                    reads = if len < READ_LEN { 0 } else { reads + 1 };
                 }
             }
             if self.conn.is_partial() || self.unsent.is_some() {
@@ -346,7 +350,7 @@ impl Client {
                 until.as_mut().reset(self.closes_at());
             }
             if reads >= READS_MAX {
-                // A client that never stops sending is always readable.
+                // The next read would not wait.
                 reads = 0;
                 yield_now().await;
             }
@@ -363,14 +367,8 @@ impl Client {
             .map_or(heard, |since| heard.min(since + PARTIAL_MAX))
     }
 
-    /// Reads what is there, and answers it.
-    fn read(&mut self) -> io::Result<()> {
-        self.conn.received.reserve(READ_LEN);
-        let was_partial = self.conn.is_partial();
-        let len = self.stream.try_read_buf(&mut self.conn.received)?;
-        if len == 0 {
-            return Err(io::ErrorKind::UnexpectedEof.into());
-        }
+    /// Answers what was read.
+    fn answer(&mut self, was_partial: bool) -> io::Result<()> {
         let conn = &mut self.conn;
         let end = self.shared.with_units(|units| conn.answer(units));
         // A message that comes byte by byte has no longer for that.
@@ -399,7 +397,7 @@ impl Client {
     fn write(&mut self) -> io::Result<()> {
         self.shared.count(std::mem::take(&mut self.conn.answered));
         while !self.conn.out.is_empty() {
-            match self.stream.try_write(&self.conn.out) {
+            match self.to.try_write(&self.conn.out) {
                 Ok(count) => {
                     self.conn.out.drain(..count);
                     self.unsent = None;
