@@ -315,6 +315,22 @@ impl Site {
         point: Point,
         now: Instant,
     ) -> (Option<PointState>, PointQuality) {
+        let (known, quality) = self.point_by_age(module, point, now);
+        let state = self.modules.get(module);
+        let is_doubted = state.is_some_and(|state| state.doubted.contains(&point));
+        match quality {
+            PointQuality::Good if is_doubted => (known, PointQuality::Stale),
+            quality => (known, quality),
+        }
+    }
+
+    /// The same, whether or not it may be otherwise since a command or a silence.
+    pub(crate) fn point_by_age(
+        &self,
+        module: &str,
+        point: Point,
+        now: Instant,
+    ) -> (Option<PointState>, PointQuality) {
         let known = self
             .modules
             .get(module)
@@ -325,10 +341,6 @@ impl Site {
             .modules
             .get(module)
             .map(|config| config.plan.max_age);
-        let is_doubted = self
-            .modules
-            .get(module)
-            .is_some_and(|state| state.doubted.contains(&point));
         let quality = match (known, self.presence(module), max_age) {
             (_, Presence::OtherModel, Some(_)) => PointQuality::Bad(BadReason::OtherModel),
             (None, Presence::Silent, Some(_)) => PointQuality::Bad(BadReason::Offline),
@@ -336,9 +348,7 @@ impl Site {
             (Some(_), Presence::Silent | Presence::Unheard, _) => {
                 PointQuality::Bad(BadReason::Offline)
             }
-            (Some(state), Presence::Online, Some(max_age))
-                if is_doubted || now.since(state.read) > max_age =>
-            {
+            (Some(state), Presence::Online, Some(max_age)) if now.since(state.read) > max_age => {
                 PointQuality::Stale
             }
             (Some(_), Presence::Online, Some(_)) => PointQuality::Good,

@@ -58,6 +58,9 @@ fn a_value_is_good_then_stale_then_bad() {
     let (known, _) = site.point("oven", K1, at(200));
     assert_eq!(known.map(|known| known.value), Some(PointValue::Bool(true)));
     site.heard("oven", Presence::Online);
+    // It may have been without power.
+    assert_eq!(quality(&site, 200), PointQuality::Stale);
+    site.saw("oven", &outputs(1), at(150), WALL);
     assert_eq!(quality(&site, 200), PointQuality::Good);
     assert_eq!(
         site.point("nobody", K1, at(0)).1,

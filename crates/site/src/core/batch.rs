@@ -329,11 +329,11 @@ impl Context {
         let mut modules: BTreeMap<&str, bool> = BTreeMap::new();
         self.with(|state| {
             for place in places {
-                *modules.entry(&place.module).or_insert(true) &= state.known(place).is_some();
+                *modules.entry(&place.module).or_insert(true) &= state.can_be_read(place);
             }
         });
-        let known = modules.into_iter().filter(|(_, is_known)| *is_known);
-        let reading = known.map(|(module, _)| async move {
+        let answering = modules.into_iter().filter(|(_, answers)| *answers);
+        let reading = answering.map(|(module, _)| async move {
             let read = self.read_all(module, expires).await;
             read.is_ok().then_some(module)
         });

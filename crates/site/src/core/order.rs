@@ -146,7 +146,9 @@ impl Context {
             state.note_fault(module, &end);
             state.release(module, &effect, acted, &limits);
             state.note_own_pulse(module, points, (order.op, acted), &end);
-            if acted == Acted::Perhaps {
+            // Where outputs were read after the reply, they are as they were read.
+            let is_read = matches!(&end, Ok(done) if done.seen.is_some());
+            if acted == Acted::Perhaps && !is_read {
                 state.site.doubt_points(module, points);
             }
             state.states(module, &after)

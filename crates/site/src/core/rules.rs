@@ -313,7 +313,8 @@ impl State {
             return Fact::Unknown;
         };
         let now = self.line_time(&place.module);
-        let (known, quality) = self.site.point(&place.module, place.point, now);
+        // A command that was not read back interrupts no rule: what it switched is read soon.
+        let (known, quality) = self.site.point_by_age(&place.module, place.point, now);
         match (known, quality, self.line_fault(&module.line)) {
             (Some(known), PointQuality::Good, None) => match known.value {
                 PointValue::Bool(is) => Fact::Is(is),

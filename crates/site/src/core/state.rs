@@ -239,6 +239,12 @@ impl State {
         }
     }
 
+    /// Whether an output's module is likely to answer: it did lately.
+    pub(super) fn can_be_read(&self, place: &Place) -> bool {
+        let status = self.point_of(&place.module, place.point);
+        status.is_some_and(|status| !matches!(status.quality, PointQuality::Bad(_)))
+    }
+
     pub(crate) fn label(&self, module: &str, point: Point) -> String {
         let label = self.described(module).map(|module| {
             let (letters, number) = module.setup.label(point);

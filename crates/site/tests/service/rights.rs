@@ -38,6 +38,10 @@ async fn all(service: &Service) -> Vec<(&'static str, Result<(), CommandError>)>
     let labelled = service
         .write_labelled(labelled, true, WriteTerms::default())
         .await;
+    let config = service.config();
+    let since = service
+        .write_since(&config, "oven", &both, WriteTerms::default())
+        .await;
     let toggle = service.toggle("oven", k(2), ToggleTerms::default()).await;
     let pulse = service.pulse("oven", k(2), Pulse::default()).await;
     let lease = service
@@ -52,6 +56,7 @@ async fn all(service: &Service) -> Vec<(&'static str, Result<(), CommandError>)>
     vec![
         ("write", write.map(drop)),
         ("write_labelled", labelled.map(drop)),
+        ("write_since", since.map(drop)),
         ("toggle", toggle.map(drop)),
         ("pulse", pulse.map(drop)),
         ("lease", lease.map(drop)),

@@ -244,6 +244,26 @@ fn a_group_is_toggled_from_what_it_is_in_its_turn() {
     }
 }
 
+/// The first one was only acknowledged: what it switched is read before the second decides.
+#[test]
+fn two_toggles_of_a_group_that_are_not_read_back_bring_it_back() {
+    for after in [0, 5, 20, 40] {
+        let mut world = site(&format!("{OVEN}{FAR}{BOTH}"));
+        for module in ["oven", "pump"] {
+            world.write("li", (module, 1), true);
+        }
+        world.pass(ms(500));
+        (world.polls, world.only_acknowledged) = (false, true);
+        let first = toggle(&mut world);
+        world.pass(ms(after));
+        let second = toggle(&mut world);
+        world.pass(ms(3_000));
+        assert!(first.now().is_ok() && second.now().is_ok());
+        assert_eq!(world.relays("oven"), bit(1), "{after} ms");
+        assert_eq!(world.relays("pump"), bit(1), "{after} ms");
+    }
+}
+
 /// Its outputs are no longer leased, and nothing ends what the second toggle began.
 #[test]
 fn a_group_that_is_toggled_takes_its_outputs_over() {
