@@ -19,7 +19,7 @@ pub(super) enum LastEnd {
     Sent = 3,
     /// It may have acted.
     Unknown = 4,
-    /// It did not act, or was read back otherwise.
+    /// It did not act.
     Failed = 5,
     /// It is under way.
     UnderWay = 6,

@@ -72,11 +72,14 @@ impl UnitImage {
         }
     }
 
-    /// Goes on with the last command of an image of the same board, under the same name.
+    /// Goes on from the image that the unit had before: with its last command if it is the same
+    /// board under the same name, and in any case with the numbers of commands.
     pub(super) fn goes_on_from(&mut self, before: &UnitImage) {
-        let is_same = self.module == before.module && self.line == before.line;
-        if is_same && self.setup == before.setup {
-            self.last = before.last;
+        let board = |image: &UnitImage| (image.setup.family, image.setup.address);
+        let is_named = self.module == before.module && self.line == before.line;
+        match is_named && board(self) == board(before) {
+            true => self.last = before.last,
+            false => self.last.number = before.last.number,
         }
     }
 

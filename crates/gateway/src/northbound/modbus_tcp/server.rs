@@ -359,7 +359,9 @@ impl Client {
 
     /// When it is closed if nothing happens.
     fn closes_at(&self) -> Instant {
-        let heard = match self.conn.is_partial() {
+        // It is not read while it does not take what it was answered.
+        let is_partial = self.conn.is_partial() && self.conn.out.len() <= UNREAD_MAX;
+        let heard = match is_partial {
             true => self.heard + PARTIAL_MAX,
             false => self.heard + IDLE_MAX,
         };
@@ -396,6 +398,7 @@ impl Client {
     /// Sends what the client takes by now.
     fn write(&mut self) -> io::Result<()> {
         self.shared.count(std::mem::take(&mut self.conn.answered));
+        let was_full = self.conn.out.len() > UNREAD_MAX;
         while !self.conn.out.is_empty() {
             match self.to.try_write(&self.conn.out) {
                 Ok(count) => {
@@ -408,6 +411,10 @@ impl Client {
                 }
                 Err(error) => return Err(error),
             }
+        }
+        if was_full && self.conn.out.len() <= UNREAD_MAX {
+            // It is read again from now on.
+            self.heard = Instant::now();
         }
         Ok(())
     }

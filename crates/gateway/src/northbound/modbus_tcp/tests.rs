@@ -467,7 +467,14 @@ fn the_end_of_a_command_is_noted_without_its_client() {
     assert_eq!(same.last, last);
     let mut other = UnitImage::new("oven", "far", setup, false);
     other.goes_on_from(&stage.images[&OVEN]);
-    assert_eq!(other.last.number, 0);
+    // A number is not given again while a command with it may be under way.
+    let (number, end) = (other.last.number, other.last.end);
+    assert_eq!((number, end), (last.number, LastEnd::None));
+    let mut slower = stage.images[&OVEN].setup;
+    slower.gap = Some(railbus_wire::Micros::from_millis(9));
+    let mut slower = UnitImage::new("oven", "main", slower, false);
+    slower.goes_on_from(&stage.images[&OVEN]);
+    assert_eq!(slower.last, last, "the same board");
 }
 
 #[test]
