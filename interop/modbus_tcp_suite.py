@@ -468,8 +468,9 @@ def no_requests(s):
         for entry, unit, pdu, want in (
             ("function 07: 01", 3, "07", "87 01"),
             ("function 08: 01", 3, "08 00 00 12 34", "88 01"),
-            ("function 16: 01", 3, "16 00 3C 00 01 00 01", "96 01"),
-            ("function 17: 01", 3, "17 00 3C 00 01 00 3C 00 01 02 00 01", "97 01"),
+            ("function 16 without registers: 02", 3, "16 00 3C 00 01 00 01", "96 02"),
+            ("function 17 without registers: 02", 3, "17 00 3C 00 01 00 3C 00 01 02 00 01",
+             "97 02"),
             ("function 41: 01", 3, "41 00", "c1 01"),
             ("quantity: 03", 3, "01 00 3C 00 00", "81 03"),
             ("quantity: 03", 3, "01 00 3C 07 D1", "81 03"),

@@ -477,7 +477,8 @@ a write that was not answered: {0B,the last command unknown,the truth afterwards
 closed: length {0,1,255,256,65535}
 closed: {protocol 1,HTTP,TLS}
 closed: what came before is answered
-function {07,08,16,17,41}: 01
+function {07,08,41}: 01
+function {16,17} without registers: 02
 quantity: 03
 values of FC05: 03
 a body that is no request: 03
