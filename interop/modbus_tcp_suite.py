@@ -132,7 +132,37 @@ def uniform():
                 by_words(s, name, master)
                 numbers(s, name, master)
                 runs(s, master)
+                if name == "pymodbus":
+                    combined(s, master.client)
     return s.tally
+
+
+def combined(s, client):
+    """A mask sets single bits, and a read comes after its write."""
+    for entry, reply, want, on in (
+        ("uniform map: bits by a mask",
+         lambda: client.mask_write_register(
+             address=0, and_mask=0xFFFA, or_mask=0x0001, device_id=4),
+         None, {0}),
+        ("uniform map: bits by a mask",
+         lambda: client.mask_write_register(
+             address=1, and_mask=0xFFFD, or_mask=0x0002, device_id=4),
+         None, {0, 17}),
+        ("uniform map: a read with a write",
+         lambda: client.readwrite_registers(
+             read_address=0, read_count=2, write_address=0, values=[0x0004], device_id=4),
+         [0x0004, 0x0002], {2, 17}),
+        ("uniform map: a read with a write",
+         lambda: client.readwrite_registers(
+             read_address=1, read_count=1, write_address=0, values=[0, 0], device_id=4),
+         [0], {}),
+    ):
+        got = reply()
+        s.check(entry, got.isError(), False, str(got))
+        if want is not None:
+            s.check(entry, got.registers, want, "the registers after the write")
+        count = UNITS["yard"][2]
+        s.relays(entry, "yard", [int(nth in on) for nth in range(count)])
 
 
 def by_words(s, name, master):

@@ -461,6 +461,7 @@ own map: nothing beside it
 uniform map: {coils,outputs as inputs,units of its own}
 uniform map: {words,scaled values,floating-point values} by {pymodbus,libmodbus,mbpoll}
 uniform map: an output that is not there
+uniform map: {bits by a mask,a read with a write}
 rights: without `write` nothing moves
 rights: an output that is not in `write`
 rights: all coils of a request or none
