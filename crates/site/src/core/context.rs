@@ -201,7 +201,7 @@ impl Context {
             *lock(&told) = Some(procedure.await);
             ended.with(|state| {
                 let runs = &mut state.runs;
-                // If nobody awaits it any more, its parent may be gone.
+                // Without a caller that waits, the parent may be gone.
                 let is_awaited = Arc::strong_count(&told) > 1;
                 let behind = runs.ends.remove(&runs.current).filter(|_| is_awaited);
                 if let Some(end) = behind {

@@ -28,8 +28,8 @@ pub(super) struct Schedule {
     off: Vec<(Place, Promise)>,
     /// What the names of modules stand for.
     boards: Boards,
-    /// What was promised of boards that have another name or none now, until that is told. The
-    /// disk has it as long.
+    /// Promises for boards whose name is another board's now, or no one's. They stay on the disk
+    /// until the dropped end has been reported.
     dropped: Vec<(Key, Promise, Board)>,
     /// How many are seen to.
     running: usize,

@@ -77,8 +77,8 @@ pub struct Batch {
     pub changes: u64,
     /// When it was made, by the clock on the wall.
     pub at: SystemTime,
-    /// The configuration in force then. Another one is told with the first batch after it is in
-    /// force; a picture of it follows when its lines and modules are there.
+    /// The configuration in force at that time. After a reload the first batch carries the new one;
+    /// a picture follows when its lines and modules are ready.
     pub config: Arc<Config>,
     /// Points that have another value, another quality, or another end of a pulse, lease or
     /// longest time; in the order in which that happened, and as they were then.

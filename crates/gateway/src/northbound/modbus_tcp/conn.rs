@@ -64,7 +64,8 @@ pub(super) struct UnitWrite {
 /// How a write ended; an error with the digits of its code.
 pub(super) type WriteEnd = Result<Confirmation, (CommandError, u16)>;
 
-/// A write has ended: its unit says so from now on, whether or not somebody waits.
+/// Records the end of a write in the status registers of its unit, also if its client has
+/// disconnected.
 pub(super) fn note_end(images: &mut BTreeMap<u8, UnitImage>, write: &UnitWrite, end: &WriteEnd) {
     let (told, code) = match end {
         Ok(confirmed) => (LastEnd::from(*confirmed), 0),
@@ -456,7 +457,7 @@ impl ModbusConn {
                 let space = Space::HoldingRegisters;
                 image.read_words(space, span, units.look, &mut self.out)
             }
-            // It was carried out, but where it is to be read nobody knows.
+            // The write was carried out, but the unit is another module now.
             _ => Err(Exception::TARGET),
         };
         match read {

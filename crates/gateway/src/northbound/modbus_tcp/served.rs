@@ -32,6 +32,7 @@ const TURN_MAX: usize = 50_000;
 
 struct Served {
     folder: PathBuf,
+    service: Service,
     northbound: Arc<Northbound>,
     at: SocketAddr,
     _changes: watch::Sender<u64>,
@@ -45,37 +46,52 @@ impl Served {
         let unique = format!("railbus-modbus-{}-{name}", std::process::id());
         let folder = std::env::temp_dir().join(unique);
         std::fs::create_dir_all(&folder).unwrap();
-        let text = format!("{SITE}[outlet.scada]\ntype = \"modbus_tcp\"\nlisten = \"{at}\"\n");
+        let text = format!("{SITE}{}", outlet(at));
         let service = Service::start_in(Config::parse(&text).unwrap(), &folder).unwrap();
         let northbound = Northbound::new("here", &folder, &service);
         let changes = watch::Sender::new(0);
         northbound.run(changes.subscribe());
         Served {
             folder,
+            service,
             northbound,
             at,
             _changes: changes,
         }
     }
 
-    /// A connection, as soon as the server listens.
-    async fn connect(&self) -> TcpStream {
+    /// Waits until this is true of the outlet.
+    async fn until(&self, is_so: impl Fn(&Supervised) -> bool) {
         let id = OutletId {
             kind: super::KIND.name,
             name: "scada".to_owned(),
         };
-        let listens = async {
+        let looks = async {
             loop {
                 let news = self.northbound.news.notified();
-                let state = self.northbound.look(&id, Supervised::state);
-                if state == Some(OutletState::Running) {
+                if self.northbound.look(&id, &is_so) == Some(true) {
                     return;
                 }
                 news.await;
             }
         };
-        tokio::time::timeout(PATIENCE, listens).await.unwrap();
+        tokio::time::timeout(PATIENCE, looks).await.unwrap();
+    }
+
+    /// A connection, as soon as the server listens.
+    async fn connect(&self) -> TcpStream {
+        self.until(|outlet| outlet.state() == OutletState::Running)
+            .await;
         TcpStream::connect(self.at).await.unwrap()
+    }
+
+    /// Brings a configuration into force that nobody has checked, as where a module has moved.
+    async fn reload(&self, text: &str) {
+        let text = format!("{text}{}", outlet(self.at));
+        let done = self
+            .service
+            .reload_written(&text, async { Ok::<(), ()>(()) });
+        done.await.unwrap().unwrap();
     }
 }
 
@@ -83,6 +99,10 @@ impl Drop for Served {
     fn drop(&mut self) {
         let _ = std::fs::remove_dir_all(&self.folder);
     }
+}
+
+fn outlet(at: SocketAddr) -> String {
+    format!("[outlet.scada]\ntype = \"modbus_tcp\"\nlisten = \"{at}\"\n")
 }
 
 async fn read(stream: &mut TcpStream) -> [u8; 9] {
@@ -95,7 +115,7 @@ async fn read(stream: &mut TcpStream) -> [u8; 9] {
 
 /// It sends without a pause, and takes every answer.
 #[tokio::test]
-async fn a_client_that_never_stops_asking_holds_up_nobody() {
+async fn a_flooding_client_does_not_block_others() {
     let served = Served::start("floods").await;
     let (mut flood, answered) = (Vec::new(), Arc::new(AtomicUsize::new(0)));
     let (begins, mut began) = mpsc::unbounded_channel();
@@ -173,4 +193,47 @@ async fn no_more_than_eight_of_one_address_are_served() {
     let answer = tokio::time::timeout(PATIENCE, again).await.unwrap();
     assert!(answer.starts_with(&REFUSED));
     served.northbound.close().await;
+}
+
+/// A module moves onto the unit of another: neither is one until they are told apart, the server
+/// goes on, and says why.
+#[tokio::test]
+async fn two_modules_on_one_unit_are_no_unit() {
+    let served = Served::start("moves").await;
+    let mut client = served.connect().await;
+    let code = |outlet: &Supervised| outlet.error().map(|error| error.problem.code.clone());
+    let other = |address: u8| {
+        format!(
+            "{SITE}[line.far]\nport = \"/dev/ttyS98\"\n[module.pump]\nline = \"far\"\n\
+             model = \"erc8\"\naddress = {address}\n"
+        )
+    };
+    assert_eq!(identified(&mut client, 3).await, [0x2B, 0x0E]);
+    served.reload(&other(3)).await;
+    served
+        .until(|outlet| code(outlet).as_deref() == Some("E0887"))
+        .await;
+    assert_eq!(identified(&mut client, 3).await, [0xAB, 0x0A]);
+    served.reload(&other(4)).await;
+    served
+        .until(|outlet| outlet.state() == OutletState::Running)
+        .await;
+    for unit in [3, 4] {
+        assert_eq!(identified(&mut client, unit).await, [0x2B, 0x0E]);
+    }
+    served.northbound.close().await;
+}
+
+/// The first two bytes of what a unit says that it is: function and kind, or the exception.
+async fn identified(stream: &mut TcpStream, unit: u8) -> [u8; 2] {
+    let ask = [0, 9, 0, 0, 0, 5, unit, 0x2B, 0x0E, 4, 0];
+    stream.write_all(&ask).await.unwrap();
+    let mut header = [0; 7];
+    let answered = async {
+        stream.read_exact(&mut header).await.unwrap();
+        let mut rest = vec![0; usize::from(header[5]) - 1];
+        stream.read_exact(&mut rest).await.unwrap();
+        [rest[0], rest[1]]
+    };
+    tokio::time::timeout(PATIENCE, answered).await.unwrap()
 }

@@ -151,13 +151,17 @@ async fn serve(outlet: Outlet) -> Result<(), Problem> {
 impl Shared {
     /// Takes over what happened at the site.
     fn take(&self, news: &News) {
-        let (config, points): (_, Box<dyn Iterator<Item = &PointStatus>>) = match news {
-            News::Picture(picture) => (&picture.config, Box::new(picture.points.iter())),
+        match news {
+            News::Picture(picture) => self.apply(&picture.config, picture.points.iter()),
             News::Batch(batch) => {
                 let points = batch.points.iter().map(|reading| &reading.status);
-                (&batch.config, Box::new(points))
+                self.apply(&batch.config, points);
             }
-        };
+        }
+    }
+
+    /// Points of the units of this configuration.
+    fn apply<'p>(&self, config: &Arc<Config>, points: impl Iterator<Item = &'p PointStatus>) {
         let state = &mut *self.state.borrow_mut();
         if !Arc::ptr_eq(config, &state.config) {
             self.reconfigure(state, config);
@@ -170,7 +174,8 @@ impl Shared {
         }
     }
 
-    /// The units of another configuration. Nothing is known of their points until it is told.
+    /// Builds the units of another configuration. Their points are unknown until the stream
+    /// reports them.
     fn reconfigure(&self, state: &mut State, config: &Arc<Config>) {
         let is_uniform = settings::is_uniform(&self.settings);
         let names = settings::units(&self.settings, config);
@@ -191,7 +196,8 @@ impl Shared {
             Invalid::NeedsUnit(module) => {
                 Problem::new(codes::NOT_A_UNIT).with("reason", module.as_str())
             }
-            _ => Problem::new(codes::NOT_A_UNIT),
+            // A module in `units` or `modules` that is gone.
+            _ => Problem::new(codes::NOT_A_UNIT).with("reason", "units"),
         });
         let was_wrong = std::mem::replace(&mut state.problem, problem).is_some();
         match &state.problem {
@@ -335,7 +341,7 @@ impl Client {
                     written?;
                     self.write()?;
                 }
-                // Knows from a short read that there is no more: the next one waits.
+                // After a short read tokio waits for the socket instead of trying again.
                 read = self.from.read_buf(&mut self.conn.received), if is_read => {
                     let len = read?;
                     if len == 0 {

@@ -524,9 +524,8 @@ fn bad_requests_are_refused_in_the_order_of_the_standard() {
         assert_eq!(answer, [pdu[0] | 0x80, exception], "{pdu:02X?}");
     }
     assert_eq!(stage.conn.writes, []);
-    for nobody in [0, 9, 255] {
-        let exception = if nobody == 9 { 0x0A } else { 1 };
-        assert_eq!(stage.ask(nobody, &[1, 0, 0, 0, 1]), [0x81, exception]);
+    for (unit, exception) in [(0, 1), (9, 0x0A), (255, 1)] {
+        assert_eq!(stage.ask(unit, &[1, 0, 0, 0, 1]), [0x81, exception]);
     }
 }
 

@@ -123,7 +123,7 @@ fn what_a_module_does_is_told_of_its_points() {
     assert_eq!(told(&mut world), [PointQuality::Bad(BadReason::NeverRead)]);
 }
 
-/// It was acknowledged, and nobody has read it since: what was read before is not how it is.
+/// The command was acknowledged, and the output not read since: the old value is not shown as good.
 #[test]
 fn a_value_from_before_a_command_is_stale_until_it_is_read_again() {
     let mut world = oven();
