@@ -7,6 +7,7 @@ mod disk;
 mod ends;
 mod names;
 mod outputs;
+mod own_pulses;
 mod places;
 mod reloading;
 mod rules;
