@@ -99,6 +99,8 @@ struct Soak {
     world: World,
     dice: Dice,
     layout: Layout,
+    /// Those that were asked for since the last start, and the one before them.
+    layouts: Vec<Layout>,
     commands: Vec<Command>,
     tolds: Tolds,
     expected: BTreeMap<Relay, Expected>,
@@ -158,6 +160,7 @@ impl Soak {
         Soak {
             world,
             dice,
+            layouts: vec![layout.clone()],
             layout,
             commands: Vec::new(),
             tolds: Tolds::default(),
@@ -422,6 +425,11 @@ impl Soak {
         }
         self.borrowed.clear();
         self.reloads.clear();
+        // A reload may have been cut short before it was written.
+        let file = self.world.file.lock().unwrap().clone();
+        let is_written = |layout: &&Layout| Config::parse(&layout.text()).unwrap() == file;
+        self.layout = self.layouts.iter().rfind(is_written).unwrap().clone();
+        self.layouts = vec![self.layout.clone()];
         self.world.start();
         self.world.tell_dropped_ends();
         self.take_events();
@@ -447,6 +455,7 @@ impl Soak {
         if !is_written {
             self.layout = before;
         }
+        self.layouts.push(self.layout.clone());
     }
 
     /// Somebody wants a line, and may have gone before that is lent.
@@ -520,6 +529,7 @@ impl Soak {
         } else if self.dead.as_ref() == Some(&to) {
             self.dead = Some(from);
         }
+        self.layouts.push(self.layout.clone());
         Some(self.layout.text())
     }
 
