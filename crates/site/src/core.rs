@@ -15,6 +15,7 @@ mod guard;
 mod lease;
 mod lines;
 mod order;
+mod own_pulses;
 mod policies;
 mod promises;
 mod pulse;
@@ -242,7 +243,7 @@ impl Core {
         let boards = boards(&config);
         let mut state = Box::new(State::new(config, polls));
         state.now = now;
-        state.schedule = Schedule::new(kept, boards);
+        state.schedule = Schedule::new(kept, boards, now);
         Core {
             state,
             context: Context::default(),
@@ -415,7 +416,7 @@ impl Core {
             }
             if let Some(task) = state.runs.ready.pop_front() {
                 self.poll_task(task);
-            } else if let Some(promises) = state.schedule.next_write(state.now.site) {
+            } else if let Some(promises) = state.schedule.next_write(state.now) {
                 state.runs.outputs.push_back(Output::Keep(promises));
             } else {
                 return;

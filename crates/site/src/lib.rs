@@ -16,7 +16,8 @@
 //! - What drives it, and what callers see of it (one file for orders, status, followers, reloads,
 //!   lines held exclusively, raw frames, running rules): `service`.
 //! - What holds over a restart: ends of pulses, leases, longest times and pauses (`min_off`) as
-//!   promises in `core/promises`, their file in `service/promise_file`; commands under an
+//!   promises in `core/promises`, pulses that modules time by themselves in `core/own_pulses`,
+//!   the file of both in `service/promise_file`; commands under an
 //!   `Idempotency-Key`, and what is said of one that a crash interrupted, in `service/once`.
 //! - Who may command what: `rights`. Why something failed: `failure`. Values and their quality:
 //!   `points`.

@@ -598,7 +598,7 @@ impl State {
     /// after them; none where that is not known.
     fn own_pulses_of(&self, items: &[Item], than: Micros) -> BTreeMap<Place, Option<bool>> {
         let pulses = items.iter().filter_map(|(_, place, _)| {
-            let pulse = self.own_pulses.get(place)?;
+            let pulse = self.own_pulse(place)?;
             (pulse.until > than).then(|| (place.clone(), pulse.end))
         });
         pulses.collect()

@@ -1,6 +1,7 @@
 //! Which scheduled actions are on the disk. There is one write at a time, of all of them; a caller
 //! that waits for a version gets the result of the first write that contains it.
 
+use super::Now;
 use super::context::{Context, TaskId};
 use super::promises::Kept;
 use super::schedule::{Action, Schedule};
@@ -37,9 +38,9 @@ struct Waiting {
 
 impl Schedule {
     /// What is to be written now, where somebody waits for it and nothing is on its way.
-    pub(super) fn next_write(&mut self, now: Micros) -> Option<Vec<Kept>> {
+    pub(super) fn next_write(&mut self, now: Now) -> Option<Vec<Kept>> {
         let disk = &self.disk;
-        let again = disk.again_at.is_some_and(|at| at <= now);
+        let again = disk.again_at.is_some_and(|at| at <= now.site);
         let is_wanted = (disk.soon || again) && disk.version > disk.written
             || disk.waiting.values().any(|waiting| waiting.end.is_none());
         if disk.writing.is_some() || !is_wanted {
@@ -48,7 +49,7 @@ impl Schedule {
         self.disk.again_at = None;
         self.disk.soon = false;
         self.disk.writing = Some(self.disk.version);
-        Some(self.promises())
+        Some(self.promises(now))
     }
 
     /// When the disk is tried again that has refused.

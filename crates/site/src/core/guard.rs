@@ -23,9 +23,6 @@ struct Output {
     rising: u32,
     /// Only a reading that began at this time of its line, or later, counts.
     doubt: Option<Instant>,
-    /// Until this time of the site the module may change it by itself: until then a reading does
-    /// not prove that it stays as it is.
-    busy_until: Micros,
     /// When it may be switched on, in the time of the site; none if it is on, or was never seen
     /// going off.
     free_at: Option<Micros>,
@@ -94,10 +91,11 @@ impl State {
     fn is(&self, place: &Place, wanted: bool) -> bool {
         let at = self.line_time(&place.module);
         let (known, quality) = self.site.point(&place.module, place.point, at);
-        let output = self.guard.outputs.get(place);
-        if output.is_some_and(|output| output.busy_until > self.now.site) {
+        if self.changes_by_itself(place) {
+            // A reading does not prove that it stays as it is.
             return false;
         }
+        let output = self.guard.outputs.get(place);
         let doubt = output.and_then(|output| output.doubt);
         known.is_some_and(|known| {
             let after = doubt.is_none_or(|doubt| known.read >= doubt);
@@ -220,12 +218,6 @@ impl Guard {
         output.doubt = output.doubt.max(from);
     }
 
-    /// The module goes on by itself with an output until this time of the site.
-    pub(super) fn busy_until(&mut self, place: &Place, until: Micros) {
-        let output = self.output(place);
-        output.busy_until = output.busy_until.max(until);
-    }
-
     /// An output must not be switched on before this time of the site.
     pub(super) fn free_at(&mut self, place: &Place, at: Micros) {
         let output = self.output(place);
@@ -254,6 +246,7 @@ impl Guard {
 
 #[cfg(test)]
 mod tests {
+    use super::super::promises::boards;
     use super::*;
     use crate::Config;
     use railbus_device::{Bank, Observation, Point, PointKind};
@@ -272,7 +265,10 @@ mod tests {
         let hour = Micros::from_secs(3_600);
         state.guard.rises(&place(0));
         state.guard.ended(&place(0), Some(Instant(7)));
-        state.guard.busy_until(&place(0), hour);
+        let board = boards(state.site.config())["gate"].clone();
+        state.schedule.boards = boards(state.site.config());
+        let pulses = &mut state.schedule.own_pulses;
+        pulses.may_have_begun(&board, place(0).point, hour, Micros::ZERO);
         state.site.forget(|_| true);
         state.guard.forget_doubts(|_| true);
         let off = Observation::Channels {

@@ -5,8 +5,9 @@
 use super::OpenAuditEntry;
 use super::commands::Command;
 use super::context::Context;
+use super::own_pulses::Begins;
 use super::promises::Why;
-use super::state::{OwnPulse, State};
+use super::state::State;
 use super::turns::Turn;
 use super::within::TTL;
 use crate::config::{Place, Safety};
@@ -67,8 +68,8 @@ struct Effect {
     off: Vec<Place>,
     /// Those that it switches off, and that are not off already.
     falling: Vec<Place>,
-    /// How long the module acts by itself after the command.
-    busy: Micros,
+    /// The pulses that it begins at the module.
+    begins: Vec<Begins>,
 }
 
 /// What a command has done.
@@ -108,6 +109,14 @@ impl Context {
         let Order { module, points, .. } = order;
         let mut effect = self.with(|state| state.effect(module, points, &order.op));
         self.ask_excluded(&effect.rising, order.expires).await;
+        // A module that has no board has no line either, and nothing is sent.
+        let pending = match turn.board(module) {
+            Some(board) => {
+                let promised = self.promise_own_pulses(board, &effect.begins, order.expires);
+                Some((board, promised.await?))
+            }
+            None => None,
+        };
         let (begun, before) = self.begin_command(module, points, entry).await?;
         let id = begun.id.clone();
         let allowed = self.with(|state| {
@@ -145,7 +154,12 @@ impl Context {
         let states = self.with(|state| {
             state.note_fault(module, &end);
             state.release(module, &effect, acted, &limits);
-            state.note_own_pulse(module, points, (order.op, acted), &end);
+            if let Some((board, _)) = &pending
+                && acted != Acted::No
+            {
+                let is_certain = matches!(&end, Ok(done) if done.confirmed != Confirmation::Sent);
+                state.note_own_pulses(board, points, &effect.begins, is_certain);
+            }
             // Where outputs were read after the reply, they are as they were read.
             let is_read = matches!(&end, Ok(done) if done.seen.is_some());
             if acted == Acted::Perhaps && !is_read {
@@ -153,6 +167,7 @@ impl Context {
             }
             state.states(module, &after)
         });
+        drop(pending);
         let ended = end_of(&end);
         let is_done = acted == Acted::Surely || end.is_ok() && !entry.is_release;
         let ended = if is_done { Ok(ended) } else { Err(ended) };
@@ -341,66 +356,11 @@ impl State {
         let (rising, falling): (Vec<_>, Vec<_>) = places
             .filter(watched)
             .partition(|place| rises(op, place.point));
-        let pulses = self.site.pulses(module);
-        let width = |place: &Place| {
-            let pulse = pulses.and_then(|pulses| pulses.of(place.point));
-            pulse.map_or(0, |width| u64::from(width.tenths()) * 100)
-        };
-        let busy = match op {
-            Op::Jog { millis, .. } => u64::from(millis.get()),
-            Op::Write(_) => rising.iter().map(width).max().unwrap_or_default(),
-            _ => 0,
-        };
         Effect {
             rising,
             off: Vec::new(),
             falling,
-            busy: Micros::from_millis(busy),
-        }
-    }
-
-    /// Takes note of a pulse that a module times by itself. Any later command for the output ends
-    /// it there [R55 §2.14].
-    fn note_own_pulse(
-        &mut self,
-        module: &str,
-        points: &[Point],
-        (op, acted): (Op, Acted),
-        end: &Result<Done, Fault>,
-    ) {
-        if acted == Acted::No {
-            return;
-        }
-        let is_certain = matches!(end, Ok(done) if done.confirmed != Confirmation::Sent);
-        let now = self.now.site;
-        for place in places(module, points) {
-            let before = self.own_pulses.get(&place).map(|pulse| pulse.until);
-            match op {
-                Op::Jog { close, millis, .. } => {
-                    let until = now + Micros::from_millis(u64::from(millis.get()));
-                    let pulse = match is_certain {
-                        true => OwnPulse {
-                            until,
-                            end: Some(!close),
-                        },
-                        false => OwnPulse {
-                            until: before.map_or(until, |before| before.max(until)),
-                            end: None,
-                        },
-                    };
-                    self.own_pulses.insert(place, pulse);
-                }
-                _ if is_certain => _ = self.own_pulses.remove(&place),
-                _ => self.doubt_own_pulses(|other| *other == place),
-            }
-        }
-    }
-
-    /// Something may have ended the pulses that modules time by themselves at these outputs, or has
-    /// begun others.
-    pub(super) fn doubt_own_pulses(&mut self, of: impl Fn(&Place) -> bool) {
-        for (_, pulse) in self.own_pulses.iter_mut().filter(|(place, _)| of(place)) {
-            pulse.end = None;
+            begins: self.begins(module, points, op),
         }
     }
 
@@ -409,20 +369,20 @@ impl State {
         let Effect {
             rising,
             falling,
-            busy,
+            begins,
             ..
         } = effect;
         let (from, now) = (self.line_time(module), self.now.site);
         let doubt = match acted {
             Acted::No => None,
-            Acted::Surely if *busy == Micros::ZERO => None,
+            Acted::Surely if begins.is_empty() => None,
             Acted::Surely | Acted::Perhaps => Some(from),
         };
         for place in rising {
             self.guard.ended(place, doubt);
-            if acted != Acted::No && *busy > Micros::ZERO {
-                self.guard.busy_until(place, now + *busy);
-                self.went_off(place, now + *busy);
+            let begins = begins.iter().find(|one| one.point == place.point);
+            if let Some(begins) = begins.filter(|_| acted != Acted::No) {
+                self.went_off(place, now + begins.length);
             }
         }
         if acted != Acted::No {

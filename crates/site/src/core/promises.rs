@@ -20,6 +20,8 @@ pub(crate) enum Why {
     OnReturn,
     /// An output has been off for as long as it has to be. No action follows.
     MinOff,
+    /// A pulse that the module times by itself ends, at the latest. No action follows.
+    OwnPulse,
 }
 
 impl Why {
@@ -66,7 +68,7 @@ impl Promise {
 }
 
 /// Where a module is. After a restart its name alone may stand for another board.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub(crate) struct Board {
     pub(crate) line: String,
     pub(crate) address: u8,

@@ -1,8 +1,10 @@
 //! Scheduled actions on outputs. The action of a pulse or a lease is cancelled once another command
 //! was carried out, and that is on the disk before it is reported.
 
+use super::Now;
 use super::context::{Context, TaskId};
 use super::disk::Disk;
+use super::own_pulses::OwnPulses;
 use super::promises::{Board, Boards, Kept, Key, Promise, Why};
 use super::state::State;
 use crate::Left;
@@ -27,7 +29,9 @@ pub(super) struct Schedule {
     /// For how long outputs must stay off. Nothing is done then.
     off: Vec<(Place, Promise)>,
     /// What the names of modules stand for.
-    boards: Boards,
+    pub(super) boards: Boards,
+    /// Pulses that modules time by themselves. Nothing is done at their end.
+    pub(super) own_pulses: OwnPulses,
     /// Promises for boards whose name is another board's now, or no one's. They stay on the disk
     /// until the dropped end has been reported.
     dropped: Vec<(Key, Promise, Board)>,
@@ -64,7 +68,7 @@ pub(super) struct Action {
 
 impl Action {
     fn is_of(&self, place: &Place) -> bool {
-        !matches!(self.key.1, Why::MaxOn | Why::MinOff) && self.key.0 == *place
+        !matches!(self.key.1, Why::MaxOn | Why::MinOff | Why::OwnPulse) && self.key.0 == *place
     }
 
     const fn is_to_be_done(&self) -> bool {
@@ -100,9 +104,14 @@ impl Drop for Running {
 impl Schedule {
     /// What was written down before, to which nobody sees yet. The end of another board's output
     /// is not done to the one that has its name now.
-    pub(super) fn new(known: Vec<Kept>, boards: Boards) -> Schedule {
+    pub(super) fn new(known: Vec<Kept>, boards: Boards, now: Now) -> Schedule {
         let mut schedule = Schedule::default();
         for (key, promise, board) in known {
+            if key.1 == Why::OwnPulse {
+                let kept = (key, promise, board);
+                schedule.own_pulses.take_up(&kept, &boards, now);
+                continue;
+            }
             if let Some(board) = board
                 && boards.get(&key.0.module) != Some(&board)
             {
@@ -146,7 +155,8 @@ impl Schedule {
     }
 
     /// From now on names stand for these boards; [`Context::keep`] brings that to the disk.
-    pub(super) fn now_of(&mut self, boards: Boards) {
+    pub(super) fn now_of(&mut self, boards: Boards, now: Micros) {
+        self.own_pulses.may_have_moved(&self.boards, &boards, now);
         self.boards = boards;
         if !self.by_number.is_empty() || !self.off.is_empty() {
             self.disk.version += 1;
@@ -336,7 +346,7 @@ impl Schedule {
         actions.filter_map(|action| Some((&action.key, action.due?)))
     }
 
-    pub(super) fn promises(&self) -> Vec<Kept> {
+    pub(super) fn promises(&self, now: Now) -> Vec<Kept> {
         let actions = self.by_number.values();
         let actions = actions.filter(|action| action.is_to_be_done());
         let actions = actions.map(|action| (action.key.clone(), action.promise));
@@ -348,7 +358,8 @@ impl Schedule {
         });
         let dropped = self.dropped.iter().cloned();
         let dropped = dropped.map(|(key, promise, board)| (key, promise, Some(board)));
-        each.chain(dropped).collect()
+        let own = self.own_pulses.kept(&self.boards, now);
+        each.chain(dropped).chain(own).collect()
     }
 
     /// The site is being closed: whoever sees to something is told.
@@ -388,7 +399,7 @@ impl State {
                 Why::Pulse => &mut left.pulse,
                 Why::Lease => &mut left.lease,
                 Why::MaxOn => &mut left.max_on,
-                Why::OnReturn | Why::MinOff => continue,
+                Why::OnReturn | Why::MinOff | Why::OwnPulse => continue,
             };
             let time = Duration::from_micros((due - self.now.site).0);
             *first = Some(first.map_or(time, |first| first.min(time)));

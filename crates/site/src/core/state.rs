@@ -24,16 +24,6 @@ use std::fmt::Write;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
-/// A pulse that a module times by itself.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct OwnPulse {
-    /// It ends then at the latest.
-    pub(super) until: Micros,
-    /// The state of the output after that; none where a later command may have ended it, or it may
-    /// not have begun: then it is not known whether the output still changes by itself.
-    pub(super) end: Option<bool>,
-}
-
 /// All that is known of a site.
 #[derive(Debug)]
 pub(crate) struct State {
@@ -58,8 +48,6 @@ pub(crate) struct State {
     /// Procedures that wait until a line is opened for the first time, or closed.
     pub(super) opening: BTreeSet<TaskId>,
     pub(super) line_turns: LineTurns,
-    /// Pulses that modules time by themselves.
-    pub(super) own_pulses: BTreeMap<Place, OwnPulse>,
     /// How many lines were opened; the next one has this number.
     pub(super) lines_opened: u64,
     pub(super) newest_loan: u64,
@@ -100,7 +88,6 @@ impl State {
             polls,
             opening: BTreeSet::new(),
             line_turns: LineTurns::default(),
-            own_pulses: BTreeMap::new(),
             lines_opened: 0,
             newest_loan: 0,
             is_closed: false,
@@ -450,14 +437,13 @@ impl State {
         keep: impl Fn(&str) -> bool,
         is_other: impl Fn(&str) -> bool,
     ) {
-        self.schedule.now_of(boards(&config));
+        self.schedule.now_of(boards(&config), self.now.site);
         self.site.reconfigure(config, &keep);
         self.health.retain(|module, _| keep(module));
         // The clocks of the other lines begin anew.
         self.guard.forget_doubts(|module| !keep(module));
         let config = self.site.config();
         self.guard.retain(|place| config.safety(place).is_some());
-        self.own_pulses.retain(|place, _| !is_other(&place.module));
         self.may_have_gone_off(is_other, self.now.site);
         self.rules.follow(self.site.config(), self.now.site);
     }
@@ -465,7 +451,7 @@ impl State {
     /// Somebody else had these modules, who may have done anything, and the clock of their line
     /// begins anew.
     pub(super) fn come_back(&mut self, of: impl Fn(&str) -> bool) {
-        self.doubt_own_pulses(|place| of(&place.module));
+        self.doubt_own_pulses(&of);
         self.site.forget(&of);
         self.guard.forget_doubts(&of);
         self.may_have_gone_off(of, self.now.site);
@@ -490,7 +476,7 @@ impl State {
 
     /// It was sent, or was not: what is read from now on says how they are.
     pub(crate) fn no_longer_doubt(&mut self, modules: &[String], outputs: &[Place]) {
-        self.doubt_own_pulses(|place| modules.contains(&place.module));
+        self.doubt_own_pulses(|module| modules.iter().any(|name| name == module));
         for place in outputs {
             let from = self.line_time(&place.module);
             self.guard.ended(place, Some(from));

@@ -520,7 +520,7 @@ impl State {
             Why::Pulse => ("pulse", format!("end of pulse {label}")),
             Why::Lease => ("lease", format!("end of lease {label}")),
             Why::OnReturn => ("on_return", format!("{label}={end}")),
-            Why::MaxOn | Why::MinOff => {
+            Why::MaxOn | Why::MinOff | Why::OwnPulse => {
                 let longest = promise.length.as_millis();
                 ("max_on", format!("{label}=off after {longest}ms"))
             }

@@ -8,6 +8,7 @@
 use super::At;
 use super::context::{Context, TaskId};
 use super::order::places;
+use super::promises::{Board, Boards};
 use super::reload::same_board;
 use crate::config::{Config, Place};
 use railbus_device::Point;
@@ -44,6 +45,8 @@ pub(crate) struct Turn {
     number: u64,
     /// Where its modules were when it came.
     at: BTreeMap<String, At>,
+    /// The boards of its modules then.
+    boards: Boards,
 }
 
 impl Turn {
@@ -53,11 +56,19 @@ impl Turn {
         self.at.get(module).copied()
     }
 
+    /// The board of a module when the turn came.
+    pub(super) fn board(&self, module: &str) -> Option<&Board> {
+        self.boards.get(module)
+    }
+
     fn comes(mut self, places: &BTreeSet<Place>) -> Turn {
         let modules = places.iter().map(|place| &place.module);
-        self.at = self.context.with(|state| {
+        (self.at, self.boards) = self.context.with(|state| {
             let at = |module: &String| Some((module.clone(), state.at(module)?));
-            modules.filter_map(at).collect()
+            let boards = &state.schedule.boards;
+            let board = |module: &String| Some((module.clone(), boards.get(module)?.clone()));
+            let boards = modules.clone().filter_map(board).collect();
+            (modules.filter_map(at).collect(), boards)
         });
         self
     }
@@ -216,6 +227,7 @@ impl Context {
             context: self.clone(),
             number,
             at: BTreeMap::new(),
+            boards: Boards::new(),
         }
     }
 }

@@ -2,8 +2,9 @@
 //! becomes of the process, of its disk and of the names.
 
 use super::super::*;
-use super::world::{Faults, World, at, bit, ms, who_is};
+use super::world::{End, Faults, World, at, bit, ms, who_is};
 use crate::CommandError;
+use railbus_host::Fault;
 
 const OVEN: &str = "[line.main]\nport = \"/dev/ttyS9\"\n\
     [module.oven]\nline = \"main\"\nmodel = \"erc8\"\naddress = 3\n";
@@ -127,5 +128,164 @@ fn an_undone_batch_does_not_bring_back_the_end_of_a_pulse_that_was_taken_over() 
                 "{after} ms"
             );
         }
+    }
+}
+
+/// All or nothing with the oven, which is dead.
+fn fails_with(world: &mut World, module: &str, on: bool) -> End<BatchDone> {
+    world.dead("oven", true);
+    let set = [(at(module, 1), on), (at("oven", 1), true)];
+    let terms = BatchTerms {
+        all_or_nothing: true,
+        ..BatchTerms::default()
+    };
+    world.order(move |core| async move { core.batch(&who_is("li"), &set, terms).await })
+}
+
+/// A process that was killed at any moment of a pulse knows of it when it starts again: a batch
+/// that was undone did not bring the pulse back. Found by seed 7919.
+#[test]
+fn an_undone_batch_does_not_bring_back_a_pulse_from_before_a_restart() {
+    let (mut ran, mut over) = (0, 0);
+    // The disk has the latest time at which the pulse may have begun.
+    let moments = (0..1_500).step_by(10).chain((2_000..15_000).step_by(500));
+    for after in moments {
+        let mut world = site(&format!("{OVEN}{GATE}"));
+        world.pass(ms(500));
+        world.pulse("li", ("gate", 1), pulse(1_000));
+        world.pass(ms(after));
+        world.kill();
+        world.start();
+        world.pass(ms(200));
+        let before = world.relays("gate");
+        let done = fails_with(&mut world, "gate", false);
+        world.pass(ms(10_000));
+        let end = done.now().parts[0].end.clone();
+        match end {
+            Err(CommandError::NotUndone) => ran += 1,
+            Err(CommandError::Undone) => {
+                assert_eq!(world.relays("gate"), before, "{after} ms");
+                assert_eq!(before, 0, "{after} ms: nothing would release it");
+                over += 1;
+            }
+            other => panic!("{after} ms: {other:?}"),
+        }
+    }
+    assert!(ran > 50 && over > 10, "{ran}, {over}");
+}
+
+/// A command after it is the end of a pulse, and the disk forgets the pulse with it.
+#[test]
+fn a_pulse_that_was_ended_is_not_known_after_a_restart() {
+    let mut world = site(&format!("{OVEN}{GATE}"));
+    world.pass(ms(500));
+    world.pulse("li", ("gate", 1), pulse(3_600_000));
+    world.pass(ms(500));
+    assert_eq!(world.disk.len(), 1);
+    let on = world.write("wang", ("gate", 1), true);
+    world.pass(ms(500));
+    assert!(on.now().is_ok());
+    assert_eq!(world.disk, []);
+    world.kill();
+    world.start();
+    world.pass(ms(1_000));
+    let done = fails_with(&mut world, "gate", false);
+    world.pass(ms(10_000));
+    assert_eq!(done.now().parts[0].end, Err(CommandError::Undone));
+    assert_eq!(world.relays("gate"), bit(1));
+}
+
+/// The module would go on with what the next start does not know of.
+#[test]
+fn a_pulse_that_can_not_be_written_down_does_not_begin() {
+    let mut world = site(&format!("{OVEN}{GATE}"));
+    world.pass(ms(500));
+    world.faults.disk = 1;
+    let refused = world.pulse("li", ("gate", 1), pulse(1_000));
+    world.pass(ms(500));
+    let why = CommandError::NotKept(ErrorKind::StorageFull);
+    assert_eq!(refused.now(), Err(why));
+    world.faults = Faults::default();
+    world.disk_takes = Some(ms(60_000));
+    let late = world.pulse("li", ("gate", 1), pulse(1_000));
+    world.pass(ms(30_000));
+    assert_eq!(late.now(), Err(CommandError::Line(Fault::Expired)));
+    assert!(world.acted.is_empty());
+    world.disk_takes = None;
+    world.pass(ms(60_000));
+    // What did not begin keeps nobody from anything.
+    let done = fails_with(&mut world, "gate", true);
+    world.pass(ms(10_000));
+    assert_eq!(done.now().parts[0].end, Err(CommandError::Undone));
+}
+
+/// A board lets go of a relay for a minute and pulls it in again by itself, however it is read
+/// until then, and whoever starts or has its name.
+#[test]
+fn an_output_that_comes_on_by_itself_is_excluded_until_then() {
+    let excludes = |gate: &str, address: u8, line: &str| {
+        format!(
+            "[line.{line}]\nport = \"/dev/ttyS9\"\n\
+             [module.oven]\nline = \"{line}\"\nmodel = \"erc8\"\naddress = 3\n\
+             [module.{gate}]\nline = \"{line}\"\nmodel = \"r55\"\naddress = {address}\n\
+             [module.oven.point]\nk1.interlock = [\"{gate}.k1\"]\n"
+        )
+    };
+    let restart = |world: &mut World| {
+        world.kill();
+        world.start();
+    };
+    let reload = |world: &mut World, text: &str| {
+        let done = world.reload(text, true);
+        world.pass(ms(2_000));
+        assert!(done.now().is_some());
+    };
+    for way in 0..6 {
+        let mut world = site(&excludes("gate", 4, "main"));
+        world.move_by_hand("gate", bit(1));
+        world.pass(ms(500));
+        let asks = Pulse {
+            off: true,
+            ..pulse(60_000)
+        };
+        let begun = world.pulse("li", ("gate", 1), asks);
+        world.pass(ms(1_000));
+        assert!(begun.now().is_ok());
+        match way {
+            0 => {}
+            1 => restart(&mut world),
+            // The board has another name, its line has one.
+            2 => reload(&mut world, &excludes("door", 4, "main")),
+            3 => reload(&mut world, &excludes("gate", 4, "cellar")),
+            4 => {
+                world.become_other(&excludes("gate", 4, "cellar"));
+                restart(&mut world);
+            }
+            _ => {
+                world.become_other(&excludes("door", 4, "main"));
+                restart(&mut world);
+            }
+        }
+        world.pass(ms(2_000));
+        assert_eq!(world.relays_at("/dev/ttyS9", 4), 0, "{way}");
+        let early = world.write("wang", ("oven", 1), true);
+        world.pass(ms(500));
+        assert!(
+            matches!(early.now(), Err(CommandError::Interlock { .. })),
+            "{way}: {:?}",
+            early.now()
+        );
+        // Once it is on it is excluded because of that.
+        world.pass(ms(60_000));
+        assert_eq!(world.relays_at("/dev/ttyS9", 4), bit(1), "{way}");
+        let late = world.write("wang", ("oven", 1), true);
+        world.pass(ms(500));
+        assert!(matches!(late.now(), Err(CommandError::Interlock { .. })));
+        let name = if matches!(way, 2 | 5) { "door" } else { "gate" };
+        world.move_by_hand(name, 0);
+        world.pass(ms(1_000));
+        let free = world.write("wang", ("oven", 1), true);
+        world.pass(ms(500));
+        assert!(free.now().is_ok(), "{way}: {:?}", free.now());
     }
 }

@@ -397,8 +397,16 @@ impl Soak {
         if !blocked && !self.world.state().is_at_rest() {
             return Err(format!("not at rest: {:?}", self.world.state()));
         }
+        let wall = self.world.time().wall;
+        // What only says how long something lasts leaves the disk with the next write.
+        let is_over = |why: Why, promise: &Promise| match why {
+            Why::MinOff => true,
+            Why::OwnPulse => promise.at <= wall,
+            _ => false,
+        };
         let left = self.world.disk.iter();
-        let left = left.filter(|((at, why), ..)| *why != Why::MinOff && !self.is_kept_off(at));
+        let left =
+            left.filter(|(key, promise, _)| !is_over(key.1, promise) && !self.is_kept_off(&key.0));
         let left: Vec<_> = left.collect();
         match left.is_empty() {
             true => Ok(()),
