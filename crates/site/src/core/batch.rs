@@ -239,10 +239,14 @@ impl Context {
         if done.has_failed() {
             // Once undone, the outputs are as before, with their pulses and leases.
             self.undo(who, &mut done, items, &before, &held).await;
-            for part in &mut done.parts {
-                let is_cut = cut.contains_key(&part.place);
-                if is_cut && part.end == Err(CommandError::Undone) {
-                    (part.end, done.undone) = (Err(CommandError::NotUndone), false);
+            for part in done.parts.iter_mut().filter(|p| cut.contains_key(&p.place)) {
+                match &part.end {
+                    Err(CommandError::Undone) => {
+                        (part.end, done.undone) = (Err(CommandError::NotUndone), false);
+                    }
+                    // It has its own failure, and the pulse is over all the same, or may be.
+                    Err(failure) if failure.may_have_acted() => done.undone = false,
+                    _ => {}
                 }
             }
             return done;
