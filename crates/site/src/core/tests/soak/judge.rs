@@ -177,7 +177,9 @@ impl Soak {
         let output = place.point.index + 1;
         let entries = entries.filter(|e| self.is_of(number, e) && e.module == place.module);
         let entries = entries.filter(|entry| names(entry, output));
-        entries.filter_map(|entry| Some(entry.ended?.0)).max()
+        // The log may have its end only after the caller.
+        let ends = entries.map(|entry| entry.ended.map_or(self.world.now, |(at, _)| at));
+        ends.max()
     }
 
     fn expect(&mut self, relay: &Relay, asked: Asked, told: Told) {
