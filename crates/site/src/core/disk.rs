@@ -8,9 +8,13 @@ use super::schedule::{Action, Schedule};
 use railbus_wire::Micros;
 use std::collections::BTreeMap;
 use std::io::ErrorKind;
+use std::time::SystemTime;
 
 /// A failed write is retried after this time: what is on the disk may be out of date.
 const WRITE_AGAIN: Micros = Micros::from_secs(1);
+
+/// A clock on the wall that is off by more than so many microseconds was set.
+const CLOCK_SET: u128 = 500_000;
 
 /// Which changes are on the disk.
 #[derive(Debug, Default)]
@@ -24,6 +28,9 @@ pub(super) struct Disk {
     pub(super) soon: bool,
     /// The last write failed, and is retried then.
     again_at: Option<Micros>,
+    /// When the site began by the clock on the wall, in microseconds since 1970. It changes when
+    /// that clock is set.
+    began: u128,
     newest: u64,
     waiting: BTreeMap<u64, Waiting>,
 }
@@ -39,6 +46,7 @@ struct Waiting {
 impl Schedule {
     /// What is to be written now, where somebody waits for it and nothing is on its way.
     pub(super) fn next_write(&mut self, now: Now) -> Option<Vec<Kept>> {
+        self.follow_clock(now);
         let disk = &self.disk;
         let again = disk.again_at.is_some_and(|at| at <= now.site);
         let is_wanted = (disk.soon || again) && disk.version > disk.written
@@ -50,6 +58,21 @@ impl Schedule {
         self.disk.soon = false;
         self.disk.writing = Some(self.disk.version);
         Some(self.promises(now))
+    }
+
+    /// The clock on the wall is set. Pulses that modules time go on, so what the disk says of their
+    /// ends is wrong.
+    fn follow_clock(&mut self, now: Now) {
+        let wall = now.wall.duration_since(SystemTime::UNIX_EPOCH);
+        let began = wall.unwrap_or_default().as_micros();
+        let began = began.saturating_sub(u128::from(now.site.0));
+        if began.abs_diff(self.disk.began) > CLOCK_SET {
+            self.disk.began = began;
+            if self.own_pulses.any(now.site) {
+                self.disk.version += 1;
+                self.disk.soon = true;
+            }
+        }
     }
 
     /// When the disk is tried again that has refused.

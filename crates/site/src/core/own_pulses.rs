@@ -13,11 +13,18 @@ use crate::config::Place;
 use railbus_device::{Op, Point};
 use railbus_host::Fault;
 use railbus_wire::Micros;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 /// What ended longer ago than this is forgotten: no batch takes so long.
-const KEPT: Micros = Micros::from_secs(3_600);
+const FORGOTTEN: Micros = Micros::from_secs(3_600);
+/// A command that is sent just in time is obeyed within this time of its deadline.
+const OBEYED: Micros = Micros::from_secs(1);
+
+/// When a pulse of this length is over at the latest: a module keeps time by a clock of its own.
+const fn longest(length: Micros) -> Micros {
+    Micros(length.0 + length.0 / 64)
+}
 
 /// A pulse that a module times by itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,8 +52,9 @@ type Output = (Board, Point);
 #[derive(Debug, Default)]
 pub(super) struct OwnPulses {
     each: BTreeMap<Output, OwnPulse>,
-    /// When pulses end at the latest whose command is about to be sent.
-    pending: BTreeMap<Output, Micros>,
+    /// Those whose command is about to be sent, and when they end at the latest.
+    pending: BTreeMap<u64, (Output, Micros)>,
+    newest: u64,
 }
 
 impl OwnPulses {
@@ -54,13 +62,27 @@ impl OwnPulses {
         self.each.get(&(board.clone(), point)).copied()
     }
 
-    /// A pulse began that ends then.
-    pub(super) fn began(&mut self, board: &Board, point: Point, pulse: OwnPulse, now: Micros) {
-        self.each.retain(|_, pulse| pulse.until + KEPT > now);
-        self.each.insert((board.clone(), point), pulse);
+    /// Until when outputs may change by themselves.
+    fn running(&self, now: Micros) -> impl Iterator<Item = (&Output, Micros)> {
+        let each = self.each.iter();
+        let each = each.map(|(output, pulse)| (output, pulse.until));
+        let pending = self.pending.values();
+        let pending = pending.map(|(output, until)| (output, *until));
+        each.chain(pending).filter(move |(_, until)| *until > now)
     }
 
-    /// A pulse may have begun that ends then.
+    /// Whether any output may change by itself.
+    pub(super) fn any(&self, now: Micros) -> bool {
+        self.running(now).next().is_some()
+    }
+
+    /// A pulse began.
+    fn began(&mut self, board: &Board, one: &Begins, now: Micros) {
+        let (until, end) = (now + longest(one.length), Some(one.end));
+        self.insert(board, one.point, OwnPulse { until, end }, now);
+    }
+
+    /// A pulse may have begun that ends then at the latest.
     pub(super) fn may_have_begun(
         &mut self,
         board: &Board,
@@ -70,36 +92,47 @@ impl OwnPulses {
     ) {
         let before = self.get(board, point);
         let until = before.map_or(until, |before| before.until.max(until));
-        self.began(board, point, OwnPulse { until, end: None }, now);
+        self.insert(board, point, OwnPulse { until, end: None }, now);
     }
 
-    /// A later command has ended what ran at this output. Says whether anything did.
-    pub(super) fn ended(&mut self, board: &Board, point: Point, now: Micros) -> bool {
-        let ended = self.each.remove(&(board.clone(), point));
-        ended.is_some_and(|pulse| pulse.until > now)
+    fn insert(&mut self, board: &Board, point: Point, pulse: OwnPulse, now: Micros) {
+        self.each.retain(|_, pulse| pulse.until + FORGOTTEN > now);
+        self.each.insert((board.clone(), point), pulse);
     }
 
     /// Something may have ended the pulses of these.
-    pub(super) fn doubt(&mut self, of: impl Fn(&Board, Point) -> bool) {
-        let doubted = self
-            .each
-            .iter_mut()
-            .filter(|((board, at), _)| of(board, *at));
-        for (_, pulse) in doubted {
+    fn doubt(&mut self, of: impl Fn(&Board, Point) -> bool) {
+        let doubted = self.each.iter_mut();
+        for (_, pulse) in doubted.filter(|((board, at), _)| of(board, *at)) {
             pulse.end = None;
         }
     }
 
-    /// Names stand for other boards. Whether it is the same board that was moved, or another one,
-    /// is not always known: a pulse may be of the board that has the name now as well.
-    pub(super) fn may_have_moved(&mut self, old: &Boards, new: &Boards, now: Micros) {
+    /// There is another configuration, and these names stand for other boards now. Whether a board
+    /// was moved or is another one is not known: a pulse may be of the board that has the name, or
+    /// of a new one at the address of a board that has none any more. How it ends is not known
+    /// then.
+    pub(super) fn reconfigure(
+        &mut self,
+        old: &Boards,
+        new: &Boards,
+        is_other: impl Fn(&str) -> bool,
+        now: Micros,
+    ) {
+        let names = old.keys().chain(new.keys()).filter(|name| is_other(name));
+        let others: BTreeSet<&Board> = names
+            .flat_map(|name| [old.get(name), new.get(name)])
+            .flatten()
+            .collect();
+        self.doubt(|board, _| others.contains(board));
         let mut moved = Vec::new();
-        for (name, from) in old {
-            let Some(to) = new.get(name).filter(|to| *to != from) else {
-                continue;
-            };
-            let pulses = self.each.iter().filter(|((board, _), _)| board == from);
-            moved.extend(pulses.map(|((_, point), pulse)| (to.clone(), *point, pulse.until)));
+        for ((board, point), until) in self.running(now) {
+            let names = old.iter().filter(|(_, at)| *at == board);
+            let by_name = names.filter_map(|(name, _)| new.get(name));
+            let by_address = new.values().filter(|to| !has(old, to));
+            let by_address = by_address.filter(|to| may_be(board, to, new));
+            let to = by_name.chain(by_address).filter(|to| *to != board);
+            moved.extend(to.map(|to| (to.clone(), *point, until)));
         }
         for (board, point, until) in moved {
             self.may_have_begun(&board, point, until, now);
@@ -111,27 +144,25 @@ impl OwnPulses {
         let ((place, _), promise, board) = kept;
         let left = promise.left(now.wall).as_micros();
         let until = now.site + Micros(u64::try_from(left).unwrap_or(u64::MAX));
-        for board in [board.as_ref(), boards.get(&place.module)]
-            .into_iter()
-            .flatten()
-        {
+        let by_name = boards.get(&place.module);
+        let by_address = boards.values().filter(|to| {
+            let from = board.as_ref();
+            from.is_some_and(|from| may_be(from, to, boards))
+        });
+        let each: BTreeSet<&Board> = board.iter().chain(by_name).chain(by_address).collect();
+        for board in each {
             self.may_have_begun(board, place.point, until, now.site);
         }
     }
 
     /// Those that run, or may soon, as they are written down.
     pub(super) fn kept(&self, boards: &Boards, now: Now) -> Vec<Kept> {
-        let mut until: BTreeMap<&Output, Micros> = BTreeMap::new();
-        let running = self
-            .each
-            .iter()
-            .map(|(output, pulse)| (output, pulse.until));
-        let pending = self.pending.iter().map(|(output, until)| (output, *until));
-        for (output, end) in running.chain(pending).filter(|(_, end)| *end > now.site) {
-            let until = until.entry(output).or_default();
-            *until = (*until).max(end);
+        let mut each: BTreeMap<&Output, Micros> = BTreeMap::new();
+        for (output, until) in self.running(now.site) {
+            let latest = each.entry(output).or_default();
+            *latest = (*latest).max(until);
         }
-        let kept = until.into_iter().map(|((board, point), until)| {
+        let kept = each.into_iter().map(|((board, point), until)| {
             let name = boards.iter().find(|(_, other)| *other == board);
             let name = name.map_or("", |(name, _)| name);
             let length = Duration::from_micros((until - now.site).0);
@@ -143,15 +174,29 @@ impl OwnPulses {
     }
 }
 
-/// The command of a pulse is about to be sent, or its end is not known yet, until this is dropped.
-pub(super) struct Pending(Context, Board, Vec<Point>);
+fn has(boards: &Boards, board: &Board) -> bool {
+    boards.values().any(|other| other == board)
+}
+
+/// Whether a board that has no name any more may be this one: its line may have another name.
+fn may_be(gone: &Board, board: &Board, boards: &Boards) -> bool {
+    gone.address == board.address && !has(boards, gone)
+}
+
+/// Commands of pulses are about to be sent, or their ends not known yet, until this is dropped.
+pub(super) struct Pending(Context, Vec<u64>);
 
 impl Drop for Pending {
     fn drop(&mut self) {
         self.0.with(|state| {
-            for point in &self.2 {
-                let output = (self.1.clone(), *point);
-                state.schedule.own_pulses.pending.remove(&output);
+            let schedule = &mut state.schedule;
+            for number in &self.1 {
+                schedule.own_pulses.pending.remove(number);
+            }
+            if !self.1.is_empty() {
+                // The file has the latest end that was possible, or a pulse that never began.
+                schedule.disk.version += 1;
+                schedule.disk.soon = true;
             }
         });
     }
@@ -169,23 +214,23 @@ impl Context {
         begins: &[Begins],
         expires: Micros,
     ) -> Result<Pending, CommandError> {
-        let pending = Pending(
-            self.clone(),
-            board.clone(),
-            begins.iter().map(|b| b.point).collect(),
-        );
         if begins.is_empty() {
-            return Ok(pending);
+            return Ok(Pending(self.clone(), Vec::new()));
         }
-        self.with(|state| {
-            let latest = |one: &Begins| ((board.clone(), one.point), expires + one.length);
+        let numbers = self.with(|state| {
             let schedule = &mut state.schedule;
-            schedule
-                .own_pulses
-                .pending
-                .extend(begins.iter().map(latest));
             schedule.disk.version += 1;
+            let pulses = &mut schedule.own_pulses;
+            let numbers = begins.iter().map(|one| {
+                pulses.newest += 1;
+                let latest = expires + OBEYED + longest(one.length);
+                let pending = ((board.clone(), one.point), latest);
+                pulses.pending.insert(pulses.newest, pending);
+                pulses.newest
+            });
+            numbers.collect()
         });
+        let pending = Pending(self.clone(), numbers);
         let kept = self.until(expires, self.keep()).await;
         let kept = kept.ok_or(Fault::Expired)?;
         kept.map_err(CommandError::NotKept)?;
@@ -239,13 +284,14 @@ impl State {
         let pulses = &mut schedule.own_pulses;
         for point in points {
             match begins.iter().find(|one| one.point == *point) {
-                Some(one) if is_certain => {
-                    let (until, end) = (now + one.length, Some(one.end));
-                    pulses.began(board, *point, OwnPulse { until, end }, now);
+                Some(one) if is_certain => pulses.began(board, one, now),
+                Some(one) => {
+                    let until = now + longest(one.length);
+                    pulses.may_have_begun(board, *point, until, now);
                 }
-                Some(one) => pulses.may_have_begun(board, *point, now + one.length, now),
                 None if is_certain => {
-                    if pulses.ended(board, *point, now) {
+                    let ended = pulses.each.remove(&(board.clone(), *point));
+                    if ended.is_some_and(|pulse| pulse.until > now) {
                         // Otherwise the next start knows of a pulse that is over.
                         schedule.disk.version += 1;
                         schedule.disk.soon = true;

@@ -155,10 +155,12 @@ impl Schedule {
     }
 
     /// From now on names stand for these boards; [`Context::keep`] brings that to the disk.
-    pub(super) fn now_of(&mut self, boards: Boards, now: Micros) {
-        self.own_pulses.may_have_moved(&self.boards, &boards, now);
+    pub(super) fn now_of(&mut self, boards: Boards, is_other: impl Fn(&str) -> bool, now: Micros) {
+        let pulses = &mut self.own_pulses;
+        pulses.reconfigure(&self.boards, &boards, is_other, now);
         self.boards = boards;
-        if !self.by_number.is_empty() || !self.off.is_empty() {
+        let is_any = !self.by_number.is_empty() || !self.off.is_empty();
+        if is_any || self.own_pulses.any(now) {
             self.disk.version += 1;
         }
     }

@@ -437,7 +437,8 @@ impl State {
         keep: impl Fn(&str) -> bool,
         is_other: impl Fn(&str) -> bool,
     ) {
-        self.schedule.now_of(boards(&config), self.now.site);
+        let now = self.now.site;
+        self.schedule.now_of(boards(&config), &is_other, now);
         self.site.reconfigure(config, &keep);
         self.health.retain(|module, _| keep(module));
         // The clocks of the other lines begin anew.

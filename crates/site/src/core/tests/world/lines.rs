@@ -14,6 +14,8 @@ pub(super) struct Board {
     pub(super) relays: u32,
     is_dead: bool,
     welded: u32,
+    /// Outputs that give pulses of a second.
+    gives: u8,
     /// Counts what it has obeyed.
     obeyed: u64,
     /// When each output was written last, counted so.
@@ -269,6 +271,7 @@ impl World {
         let before = board.relays;
         let moves = bank.mask & !board.welded;
         board.relays = before & !moves | bank.on & moves;
+        let gives = u32::from(board.gives) & moves & bank.on;
         self.acted.push(Acted {
             at: now,
             module,
@@ -276,6 +279,10 @@ impl World {
             set: bank,
             before,
         });
+        for bit in (0..8).map(|bit| 1 << bit).filter(|bit| gives & bit != 0) {
+            let ends = Due::Jogged(seat.clone(), bit, false, since);
+            self.add(ms(1_000), ends);
+        }
         if let Some(millis) = millis {
             let ends = Due::Jogged(seat, bank.mask, bank.on == 0, since);
             self.add(ms(u64::from(millis)), ends);
@@ -300,7 +307,7 @@ impl World {
         let end = end.and_then(|()| {
             self.obey(at, &op);
             let board = self.board_at(at).ok_or(Fault::Closed)?;
-            let relays = board.relays;
+            let (relays, gives) = (board.relays, board.gives);
             let unread = match op {
                 Op::WriteSilent(_) => Some(Confirmation::Sent),
                 Op::Write(_) if self.only_acknowledged => Some(Confirmation::Reply),
@@ -316,7 +323,7 @@ impl World {
             }
             let seen = match op {
                 Op::ReadPulse => Observation::Pulse {
-                    mask: 0,
+                    mask: gives,
                     width: railbus_wire::PulseWidth::DEFAULT,
                 },
                 _ => seen(relays),
@@ -476,6 +483,11 @@ impl World {
         let moved = std::mem::take(self.board(from.clone()));
         let other = std::mem::replace(self.board(to.clone()), moved);
         *self.board(from.clone()) = other;
+    }
+
+    /// Sets outputs to give pulses of a second.
+    pub(in super::super) fn give_pulses(&mut self, module: &str, outputs: u8) {
+        self.board_of(module).gives = outputs;
     }
 
     /// Welds relays as they are.
