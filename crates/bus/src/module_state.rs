@@ -22,8 +22,9 @@ const FENCE_DOUBTS: u8 = 2;
 /// After this many misses in a row a module counts as silent and is only probed.
 pub const MISSES_SILENT: u8 = 3;
 /// What probing a silent module costs in all, gap and time on the wire included: little, so that
-/// its turn comes soon again. A later reply is recognised as a ghost's and still brings the module
-/// online.
+/// its turn comes soon again. One that is known to be slower is waited for. A later reply is
+/// recognised as a ghost's and still brings the module online, but on a busy line it meets the next
+/// request.
 const PROBE_KNOWN: Micros = Micros::from_millis(98);
 const PROBE_UNHEARD: Micros = Micros::from_millis(290);
 /// The assumed turnaround where nothing is known.
@@ -92,10 +93,13 @@ struct Turnaround {
     now: Micros,
     before: Micros,
     count: u16,
+    /// The slowest of the last few: each reply forgets an eighth of it.
+    lately: Micros,
 }
 
 impl Turnaround {
     fn learn(&mut self, took: Micros) {
+        self.lately = took.max(self.lately - Micros(self.lately.0 / 8));
         self.now = self.now.max(took);
         self.count += 1;
         if self.count == WINDOW {
@@ -103,6 +107,7 @@ impl Turnaround {
                 now: Micros::ZERO,
                 before: self.now,
                 count: 0,
+                lately: self.lately,
             };
         }
     }
@@ -259,7 +264,14 @@ impl ModuleState {
             Presence::Online | Presence::Silent | Presence::OtherModel => PROBE_KNOWN,
         };
         let rest = all - setup.serial.frame_time(bytes) - setup.request_gap();
-        self.timeout().min(rest.max(TIMEOUT_MIN))
+        self.timeout()
+            .min(rest.max(TIMEOUT_MIN).max(self.probe_least()))
+    }
+
+    /// How long a probe waits for it at least: less than what it took before would never meet it.
+    pub(crate) fn probe_least(&self) -> Micros {
+        let lately = self.turnaround.lately;
+        (lately + Micros(lately.0 / 4)).min(self.timeout())
     }
 
     /// How long after its request a module may still answer.

@@ -42,11 +42,18 @@ impl Search {
         self.again = Some(self.again.map_or(at, |known| known.min(at)));
     }
 
-    /// Commands wait behind what was found: it ends as if they came once it is sent.
-    pub(crate) fn cut_short(&mut self) {
+    /// The module of what was found.
+    pub(crate) fn module(&self) -> Option<ModuleId> {
+        self.work.and_then(|work| work.job.module())
+    }
+
+    /// Commands wait behind what was found: it ends as if they came once it is sent, but waits so
+    /// long at least.
+    pub(crate) fn cut_short(&mut self, least: Micros) {
         if let Some(work) = &mut self.work {
             let reply = work.settings.frame_time(work.exchange.response_len_max());
-            work.timeout = work.timeout.min((PREEMPT_AFTER - reply).max(TIMEOUT_MIN));
+            let short = (PREEMPT_AFTER - reply).max(TIMEOUT_MIN).max(least);
+            work.timeout = work.timeout.min(short);
         }
     }
 }
@@ -125,12 +132,11 @@ impl Bus {
             && flight.job.is_status_check()
             && let Some(module) = flight.job.module()
             && module != wanted
-            && self
-                .modules
-                .get(module.0)
-                .is_some_and(|state| !state.is_online())
+            && let Some(state) = self.modules.get(module.0)
+            && !state.is_online()
         {
-            let gives_way = self.now.max(flight.sent + PREEMPT_AFTER);
+            let short = PREEMPT_AFTER.max(state.probe_least());
+            let gives_way = self.now.max(flight.sent + short);
             flight.deadline = flight.deadline.min(gives_way);
         }
     }

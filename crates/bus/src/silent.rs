@@ -19,16 +19,16 @@ const ASKED_SHARE: u64 = 40;
 const ASKED_AT_ONCE: Micros = Micros::from_secs(2);
 
 impl Bus {
-    /// The same if commands for others have left a check no room since it was due. That a module
-    /// answers again is noticed in time however many of them wait.
+    /// The same if others have left a check no room since it was due. That a module answers again is
+    /// noticed in time however many commands wait, and on a line that can't read all as often as
+    /// it should.
     pub(crate) fn search_overdue_silent(&self, search: &mut Search) -> bool {
         let is_overdue = self.probe_silent_at + CHECK_PATIENCE <= self.now;
+        let is_found = is_overdue && self.search_silent(search);
         let mut commands = self.commands.iter();
-        let is_found = is_overdue
-            && commands.any(|command| !self.is_silent(command.module))
-            && self.search_silent(search);
-        if is_found {
-            search.cut_short();
+        if is_found && commands.any(|command| !self.is_silent(command.module)) {
+            let module = search.module().and_then(|id| self.modules.get(id.0));
+            search.cut_short(module.map_or(Micros::ZERO, ModuleState::probe_least));
         }
         is_found
     }

@@ -139,6 +139,16 @@ impl Bench {
         }
     }
 
+    /// Switches a module from this one on, again and again with a pause.
+    fn switch_now_and_then(&mut self, first: usize, until: Instant) {
+        while self.now() < until {
+            let module = first + self.random((self.modules.len() - first) as u64) as usize;
+            self.switch(module);
+            while !self.tickets.is_empty() && self.run_until_one_ends(until).is_some() {}
+            self.run_until(until.min(self.now() + millis(30)));
+        }
+    }
+
     fn run_for(&mut self, span: Micros) {
         self.run_until(self.now() + span);
     }
@@ -405,6 +415,56 @@ fn dead_modules_cost_a_twentieth_and_come_back_in_time() {
             }
         }
         println!("{dead} dead (heard before: {heard_before}): back after at most {worst:?}");
+    }
+}
+
+/// A module that takes long to answer gets the time that it needs, and waits for its next check in
+/// proportion, on a line that can't keep its plan and beside more commands than it can carry.
+#[test]
+fn slow_modules_come_back_as_soon_as_their_share_allows() {
+    for (turnaround, commands) in [
+        (20, 0),
+        (60, 0),
+        (100, 0),
+        (150, 0),
+        (280, 0),
+        (100, 1),
+        (150, 1),
+        (100, 8),
+        (200, 8),
+    ] {
+        let check = millis((turnaround * 5 / 4 + 40).max(98));
+        let mut worst = Micros::ZERO;
+        for phase in 0..5 {
+            let mut bench = Bench::new(&reference_setups(), Plan::default(), millis(turnaround));
+            bench.run_for(Micros::from_secs(5));
+            bench.power(0, false);
+            bench.run_for(Micros::from_secs(12));
+            bench.forget();
+            let goes_on = |bench: &mut Bench, span: Micros| {
+                let until = bench.now() + span;
+                match commands {
+                    0 => bench.run_until(until),
+                    1 => bench.switch_now_and_then(1, until),
+                    _ => bench.flood(1, until),
+                }
+            };
+            let span = Micros::from_secs(60) + millis(phase * 317);
+            goes_on(&mut bench, span);
+            let share = Micros(span.0 / 20) + check;
+            let cost = bench.spent[0];
+            assert!(cost <= share, "{turnaround} ms: {cost:?} of {span:?}");
+            bench.presence.clear();
+            bench.power(0, true);
+            let woken = bench.now();
+            goes_on(&mut bench, check * 20 + millis(2_000));
+            let mut presence = bench.presence.iter();
+            let back = presence.find(|(_, who, is)| *who == 0 && *is == Presence::Online);
+            let (at, ..) = back.unwrap_or_else(|| panic!("{turnaround} ms: not back"));
+            worst = worst.max(at.since(woken));
+        }
+        println!("{turnaround} ms, {commands} commands: back after at most {worst:?}");
+        assert!(worst <= check * 20 + millis(1_000), "{worst:?}");
     }
 }
 
