@@ -19,8 +19,8 @@ const ASKED_SHARE: u64 = 40;
 const ASKED_AT_ONCE: Micros = Micros::from_secs(2);
 
 impl Bus {
-    /// The same if others have left a check no room since it was due. That a module answers again is
-    /// noticed in time however many commands wait, and on a line that can't read all as often as
+    /// The same if others have left a check no room since it was due. That a module answers again
+    /// is noticed in time however many commands wait, and on a line that can't read all as often as
     /// it should.
     pub(crate) fn search_overdue_silent(&self, search: &mut Search) -> bool {
         let is_overdue = self.probe_silent_at + CHECK_PATIENCE <= self.now;

@@ -491,7 +491,7 @@ fn a_pulse_that_began_at_the_last_moment_is_known() {
     assert!(began > 10, "{began}");
 }
 
-/// Two commands for one board under two names: the end of the first one takes nothing of the second.
+/// Two commands for one board under two names: the end of the first takes nothing of the second.
 #[test]
 fn a_pulse_stays_on_the_disk_while_another_one_of_its_board_fails() {
     let mut world = site(&two_boards(4, 5));
