@@ -93,13 +93,21 @@ struct Turnaround {
     now: Micros,
     before: Micros,
     count: u16,
-    /// The slowest of the last few: each reply forgets an eighth of it.
+    /// The slowest of the last few: each reply forgets an eighth of it. One slow reply between
+    /// others does not count: a module that dies often sends one last.
     lately: Micros,
+    /// The last one.
+    last: Micros,
 }
 
 impl Turnaround {
     fn learn(&mut self, took: Micros) {
-        self.lately = took.max(self.lately - Micros(self.lately.0 / 8));
+        let usual = match self.last {
+            Micros::ZERO => took,
+            last => took.min(last),
+        };
+        self.lately = usual.max(self.lately - Micros(self.lately.0 / 8));
+        self.last = took;
         self.now = self.now.max(took);
         self.count += 1;
         if self.count == WINDOW {
@@ -107,7 +115,7 @@ impl Turnaround {
                 now: Micros::ZERO,
                 before: self.now,
                 count: 0,
-                lately: self.lately,
+                ..*self
             };
         }
     }
@@ -614,5 +622,29 @@ impl ModuleState {
     /// Whether this asks for its model.
     pub(crate) fn identifies(&self, exchange: &Exchange<'_>) -> bool {
         self.module.exchange(&Op::Identify).as_ref() == Ok(exchange)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A module that dies often sends one slow reply last; its checks must not get longer for that.
+    #[test]
+    fn one_slow_reply_is_not_what_a_module_takes() {
+        let mut turnaround = Turnaround::default();
+        let (usual, slow) = (Micros::from_millis(5), Micros::from_millis(280));
+        for _ in 0..10 {
+            turnaround.learn(usual);
+        }
+        turnaround.learn(slow);
+        assert_eq!(turnaround.lately, usual);
+        // Two in a row are.
+        turnaround.learn(slow);
+        assert_eq!(turnaround.lately, slow);
+        for _ in 0..20 {
+            turnaround.learn(usual);
+        }
+        assert!(turnaround.lately < Micros::from_millis(30));
     }
 }

@@ -135,7 +135,9 @@ impl Bus {
             && let Some(state) = self.modules.get(module.0)
             && !state.is_online()
         {
-            let short = PREEMPT_AFTER.max(state.probe_least());
+            let serial = state.module.setup().serial;
+            let reply = serial.frame_time(flight.exchange.response_len_max());
+            let short = PREEMPT_AFTER.max(state.probe_least() + reply);
             let gives_way = self.now.max(flight.sent + short);
             flight.deadline = flight.deadline.min(gives_way);
         }

@@ -43,18 +43,7 @@ impl Bench {
         }
         let mut drive = Drive::new(bus);
         for setup in setups {
-            // The module detects the end of a frame itself, after t3.5.
-            let recognises = match setup.protocol {
-                Protocol::Rtu => setup.serial.t3_5(),
-                _ => Micros::ZERO,
-            };
-            let options = Options {
-                turnaround: turnaround - recognises,
-                insist_on_gap: true,
-                ..Options::default()
-            };
-            let engine = Engine::new(setup, Eeprom::of(setup), options, Instant(0));
-            drive.play(engine.expect("a possible module"));
+            drive.play(engine(setup, turnaround));
         }
         let spent = vec![Micros::ZERO; setups.len()];
         let mut bench = Bench {
@@ -93,6 +82,12 @@ impl Bench {
         self.random ^= self.random >> 7;
         self.random ^= self.random << 17;
         self.random % below
+    }
+
+    /// A module takes so long from now on. It begins anew with that.
+    pub(crate) fn takes(&mut self, module: usize, turnaround: Micros) {
+        let setup = *self.modules[module].setup();
+        self.drive.players[module].engine = engine(&setup, turnaround);
     }
 
     /// Switches the power of a module.
@@ -280,6 +275,21 @@ impl Bench {
         let at = self.latencies.len() * 99 / 100;
         (self.latencies[at], self.latencies[self.latencies.len() - 1])
     }
+}
+
+fn engine(setup: &Setup, turnaround: Micros) -> Engine {
+    // The module detects the end of a frame itself, after t3.5.
+    let recognises = match setup.protocol {
+        Protocol::Rtu => setup.serial.t3_5(),
+        _ => Micros::ZERO,
+    };
+    let options = Options {
+        turnaround: turnaround - recognises,
+        insist_on_gap: true,
+        ..Options::default()
+    };
+    let engine = Engine::new(setup, Eeprom::of(setup), options, Instant(0));
+    engine.expect("a possible module")
 }
 
 /// How a command ended, in one word.

@@ -173,6 +173,36 @@ fn slow_modules_come_back_as_soon_as_their_share_allows() {
     }
 }
 
+/// At 2400 baud the reply itself takes long: it is not cut off by a command either.
+#[test]
+fn a_slow_module_on_a_slow_line_comes_back_beside_commands() {
+    for turnaround in [40, 60, 70, 90, 120, 180] {
+        let slow = |setup: &Setup| Setup {
+            serial: SerialSettings {
+                baud: Baud::B2400,
+                ..setup.serial
+            },
+            ..*setup
+        };
+        let setups: Vec<Setup> = reference_setups()[..2].iter().map(slow).collect();
+        let mut bench = Bench::new(&setups, Plan::default(), millis(20));
+        bench.takes(0, millis(turnaround));
+        bench.run_for(Micros::from_secs(20));
+        bench.power(0, false);
+        bench.run_for(Micros::from_secs(30));
+        bench.presence.clear();
+        bench.power(0, true);
+        let end = bench.now() + Micros::from_secs(10);
+        while bench.now() < end && bench.presence.is_empty() {
+            if bench.tickets.len() < 2 {
+                bench.switch(1);
+            }
+            bench.run_for(millis(300));
+        }
+        assert!(!bench.presence.is_empty(), "{turnaround} ms: not back");
+    }
+}
+
 /// The same with more commands than the line can carry, for the modules that answer.
 #[test]
 fn dead_modules_come_back_in_time_under_a_flood_of_commands() {
