@@ -1,7 +1,7 @@
 //! Ops by themselves: banks of channels, and what no model has.
 
 use railbus_device::{Bank, Family, Module, Op, SettingWrite, Setup};
-use railbus_wire::{Address, Channel, r55::U24};
+use railbus_wire::{Address, Channel, Frame, Protocol, foreign_command, r55::U24};
 
 /// States are known for the channels of the mask alone.
 #[test]
@@ -55,4 +55,39 @@ fn what_a_model_can_not_do_is_said_in_words() {
         .exchange(&Op::ReadInputs)
         .map_err(|why| why.to_string());
     assert_eq!(text, Err("this model has no command for that".to_owned()));
+}
+
+/// What a line asks by itself is no request of another protocol, at no address: on a mixed line it
+/// is never refused, and so a silent module is always checked.
+#[test]
+fn what_is_asked_again_and_again_is_no_request_of_another_protocol() {
+    let mut frames = 0;
+    let setups = Family::ALL.into_iter().flat_map(|family| {
+        let protocols = Protocol::ALL.into_iter();
+        protocols.flat_map(move |protocol| {
+            (0..=u8::MAX).flat_map(move |address| {
+                [false, true].map(|checksum| Setup {
+                    protocol,
+                    checksum,
+                    variables: if family == Family::R55 { 32 } else { 0 },
+                    ..Setup::new(family, Address(address))
+                })
+            })
+        })
+    });
+    for module in setups.filter_map(|setup| Module::new(setup).ok()) {
+        let own = module.setup().protocol;
+        let asked = module.full_poll().chain(module.on_online_op());
+        for op in asked.chain([Op::Identify, Op::Fence]) {
+            let Ok(exchange) = module.exchange(&op) else {
+                continue;
+            };
+            let mut frame = Frame::new();
+            exchange.encode(&mut frame);
+            let other = foreign_command(frame.bytes(), own, Protocol::ALL);
+            assert_eq!(other, None, "{op:?} of {:?}", module.setup());
+            frames += 1;
+        }
+    }
+    assert!(frames > 15_000, "{frames}");
 }
