@@ -244,7 +244,7 @@ impl Context {
                     Err(CommandError::Undone) => {
                         (part.end, done.undone) = (Err(CommandError::NotUndone), false);
                     }
-                    // It has its own failure, and the pulse is over all the same, or may be.
+                    // The command failed and may still have ended the pulse.
                     Err(failure) if failure.may_have_acted() => done.undone = false,
                     _ => {}
                 }

@@ -8,13 +8,13 @@ use super::schedule::{Action, Schedule};
 use railbus_wire::Micros;
 use std::collections::BTreeMap;
 use std::io::ErrorKind;
-use std::time::SystemTime;
+use std::time::{Duration, SystemTime};
 
 /// A failed write is retried after this time: what is on the disk may be out of date.
 const WRITE_AGAIN: Micros = Micros::from_secs(1);
 
-/// A clock on the wall that is off by more than so many microseconds was set.
-const CLOCK_SET: u128 = 500_000;
+/// A wall clock that is off by more than this was set.
+const CLOCK_SET: Duration = Duration::from_millis(500);
 
 /// Which changes are on the disk.
 #[derive(Debug, Default)]
@@ -28,9 +28,8 @@ pub(super) struct Disk {
     pub(super) soon: bool,
     /// The last write failed, and is retried then.
     again_at: Option<Micros>,
-    /// When the site began by the clock on the wall, in microseconds since 1970. It changes when
-    /// that clock is set.
-    began: u128,
+    /// When the site began by the wall clock, since 1970. It changes when that clock is set.
+    began: Duration,
     newest: u64,
     waiting: BTreeMap<u64, Waiting>,
 }
@@ -60,12 +59,11 @@ impl Schedule {
         Some(self.promises(now))
     }
 
-    /// The clock on the wall is set. Pulses that modules time go on, so what the disk says of their
-    /// ends is wrong.
+    /// After the wall clock was set, the disk has wrong ends of the pulses that modules time.
     fn follow_clock(&mut self, now: Now) {
         let wall = now.wall.duration_since(SystemTime::UNIX_EPOCH);
-        let began = wall.unwrap_or_default().as_micros();
-        let began = began.saturating_sub(u128::from(now.site.0));
+        let running = Duration::from_micros(now.site.0);
+        let began = wall.unwrap_or_default().saturating_sub(running);
         if began.abs_diff(self.disk.began) > CLOCK_SET {
             self.disk.began = began;
             if self.own_pulses.any(now.site) {

@@ -5,7 +5,7 @@
 use super::OpenAuditEntry;
 use super::commands::Command;
 use super::context::Context;
-use super::own_pulses::Begins;
+use super::own_pulses::NewPulse;
 use super::promises::Why;
 use super::state::State;
 use super::turns::Turn;
@@ -69,7 +69,7 @@ struct Effect {
     /// Those that it switches off, and that are not off already.
     falling: Vec<Place>,
     /// The pulses that it begins at the module.
-    begins: Vec<Begins>,
+    begins: Vec<NewPulse>,
 }
 
 /// What a command has done.

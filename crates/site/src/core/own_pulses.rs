@@ -16,10 +16,10 @@ use railbus_wire::Micros;
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
-/// What ended longer ago than this is forgotten: no batch takes so long.
-const FORGOTTEN: Micros = Micros::from_secs(3_600);
-/// A command that is sent just in time is obeyed within this time of its deadline.
-const OBEYED: Micros = Micros::from_secs(1);
+/// A pulse that has ended is known for so long: no batch takes longer.
+const KEPT_FOR: Micros = Micros::from_secs(3_600);
+/// A command that is sent just before its deadline is carried out so long after it at most.
+const SEND_MARGIN: Micros = Micros::from_secs(1);
 
 /// When a pulse of this length is over at the latest: a module keeps time by a clock of its own.
 const fn longest(length: Micros) -> Micros {
@@ -38,7 +38,7 @@ pub(super) struct OwnPulse {
 
 /// A pulse that a command begins at its module.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Begins {
+pub(super) struct NewPulse {
     pub(super) point: Point,
     pub(super) length: Micros,
     /// The state after it.
@@ -55,6 +55,8 @@ pub(super) struct OwnPulses {
     /// Those whose command is about to be sent, and when they end at the latest.
     pending: BTreeMap<u64, (Output, Micros)>,
     newest: u64,
+    /// The last names of their boards: one that was removed may come back at another address.
+    names: BTreeMap<Board, String>,
 }
 
 impl OwnPulses {
@@ -77,7 +79,7 @@ impl OwnPulses {
     }
 
     /// A pulse began.
-    fn began(&mut self, board: &Board, one: &Begins, now: Micros) {
+    fn began(&mut self, board: &Board, one: &NewPulse, now: Micros) {
         let (until, end) = (now + longest(one.length), Some(one.end));
         self.insert(board, one.point, OwnPulse { until, end }, now);
     }
@@ -96,8 +98,11 @@ impl OwnPulses {
     }
 
     fn insert(&mut self, board: &Board, point: Point, pulse: OwnPulse, now: Micros) {
-        self.each.retain(|_, pulse| pulse.until + FORGOTTEN > now);
+        self.each.retain(|_, pulse| pulse.until + KEPT_FOR > now);
         self.each.insert((board.clone(), point), pulse);
+        let each = &self.each;
+        let is_there = |board: &Board| each.keys().any(|(other, _)| other == board);
+        self.names.retain(|board, _| is_there(board));
     }
 
     /// Something may have ended the pulses of these.
@@ -109,9 +114,9 @@ impl OwnPulses {
     }
 
     /// There is another configuration, and these names stand for other boards now. Whether a board
-    /// was moved or is another one is not known: a pulse may be of the board that has the name, or
-    /// of a new one at the address of a board that has none any more. How it ends is not known
-    /// then.
+    /// was moved or is another one is not known: a pulse may be of the board that has the name that
+    /// its board had last, or of a new one at the address of a board that has none any more. How it
+    /// ends is not known then.
     pub(super) fn reconfigure(
         &mut self,
         old: &Boards,
@@ -125,13 +130,17 @@ impl OwnPulses {
             .flatten()
             .collect();
         self.doubt(|board, _| others.contains(board));
+        let named = old
+            .iter()
+            .map(|(name, board)| (board.clone(), name.clone()));
+        self.names.extend(named);
         let mut moved = Vec::new();
         for ((board, point), until) in self.running(now) {
-            let names = old.iter().filter(|(_, at)| *at == board);
-            let by_name = names.filter_map(|(name, _)| new.get(name));
+            let by_name = self.names.get(board).and_then(|name| new.get(name));
             let by_address = new.values().filter(|to| !has(old, to));
-            let by_address = by_address.filter(|to| may_be(board, to, new));
-            let to = by_name.chain(by_address).filter(|to| *to != board);
+            let by_address = by_address.filter(|to| may_be_same(board, to, new));
+            let to = by_name.into_iter().chain(by_address);
+            let to = to.filter(|to| *to != board);
             moved.extend(to.map(|to| (to.clone(), *point, until)));
         }
         for (board, point, until) in moved {
@@ -147,11 +156,12 @@ impl OwnPulses {
         let by_name = boards.get(&place.module);
         let by_address = boards.values().filter(|to| {
             let from = board.as_ref();
-            from.is_some_and(|from| may_be(from, to, boards))
+            from.is_some_and(|from| may_be_same(from, to, boards))
         });
         let each: BTreeSet<&Board> = board.iter().chain(by_name).chain(by_address).collect();
         for board in each {
             self.may_have_begun(board, place.point, until, now.site);
+            self.names.insert(board.clone(), place.module.clone());
         }
     }
 
@@ -164,7 +174,9 @@ impl OwnPulses {
         }
         let kept = each.into_iter().map(|((board, point), until)| {
             let name = boards.iter().find(|(_, other)| *other == board);
-            let name = name.map_or("", |(name, _)| name);
+            let name = name.map(|(name, _)| name);
+            let name = name.or_else(|| self.names.get(board));
+            let name = name.map_or("", String::as_str);
             let length = Duration::from_micros((until - now.site).0);
             let promise = Promise::after(now.wall, length, None);
             let key = (Place::new(name, *point), Why::OwnPulse);
@@ -179,7 +191,7 @@ fn has(boards: &Boards, board: &Board) -> bool {
 }
 
 /// Whether a board that has no name any more may be this one: its line may have another name.
-fn may_be(gone: &Board, board: &Board, boards: &Boards) -> bool {
+fn may_be_same(gone: &Board, board: &Board, boards: &Boards) -> bool {
     gone.address == board.address && !has(boards, gone)
 }
 
@@ -211,7 +223,7 @@ impl Context {
     pub(super) async fn promise_own_pulses(
         &self,
         board: &Board,
-        begins: &[Begins],
+        begins: &[NewPulse],
         expires: Micros,
     ) -> Result<Pending, CommandError> {
         if begins.is_empty() {
@@ -223,7 +235,7 @@ impl Context {
             let pulses = &mut schedule.own_pulses;
             let numbers = begins.iter().map(|one| {
                 pulses.newest += 1;
-                let latest = expires + OBEYED + longest(one.length);
+                let latest = expires + SEND_MARGIN + longest(one.length);
                 let pending = ((board.clone(), one.point), latest);
                 pulses.pending.insert(pulses.newest, pending);
                 pulses.newest
@@ -252,7 +264,7 @@ impl State {
     }
 
     /// The pulses that an op begins at a module.
-    pub(super) fn begins(&self, module: &str, points: &[Point], op: &Op) -> Vec<Begins> {
+    pub(super) fn begins(&self, module: &str, points: &[Point], op: &Op) -> Vec<NewPulse> {
         let stored = self.site.pulses(module);
         let begins = points.iter().filter_map(|point| {
             let (millis, end) = match op {
@@ -266,7 +278,7 @@ impl State {
                 _ => return None,
             };
             let (point, length) = (*point, Micros::from_millis(millis));
-            Some(Begins { point, length, end })
+            Some(NewPulse { point, length, end })
         });
         begins.collect()
     }
@@ -277,7 +289,7 @@ impl State {
         &mut self,
         board: &Board,
         points: &[Point],
-        begins: &[Begins],
+        begins: &[NewPulse],
         is_certain: bool,
     ) {
         let (now, schedule) = (self.now.site, &mut self.schedule);

@@ -1,7 +1,7 @@
 //! What is to be done later, on a disk that works and on one that does not.
 
 use super::super::*;
-use super::world::{World, at, bit, k, ms};
+use super::world::{World, at, bit, k, ms, pulse};
 use crate::CommandError;
 
 const TEXT: &str = "[line.main]\nport = \"/dev/ttyS9\"\n\
@@ -11,13 +11,6 @@ fn oven() -> World {
     let mut world = World::new(TEXT, 7);
     world.pass(ms(300));
     world
-}
-
-fn pulse(width: u64) -> Pulse {
-    Pulse {
-        width: Some(ms(width)),
-        ..Pulse::default()
-    }
 }
 
 #[test]

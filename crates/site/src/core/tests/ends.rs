@@ -2,7 +2,7 @@
 //! other, turns that are given back, ends that are put forward, a site that closes.
 
 use super::super::*;
-use super::world::{World, bit, k, ms, who_is};
+use super::world::{World, bit, k, ms, pulse, who_is};
 use crate::CommandError;
 use railbus_host::Fault;
 
@@ -19,13 +19,6 @@ fn site(text: &str) -> World {
 
 fn with(points: &str) -> String {
     format!("{OVEN}[module.oven.point]\n{points}")
-}
-
-fn pulse(width: u64) -> Pulse {
-    Pulse {
-        width: Some(ms(width)),
-        ..Pulse::default()
-    }
 }
 
 /// Of two limits of an output the newer one counts alone; a limit takes no pulse its end.

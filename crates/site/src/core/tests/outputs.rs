@@ -1,7 +1,7 @@
 //! What becomes of outputs: pulses, leases, limits, policies, batches.
 
 use super::super::*;
-use super::world::{Faults, World, at, bit, k, ms, who_is};
+use super::world::{Faults, World, at, bit, k, ms, pulse, who_is};
 use crate::CommandError;
 use railbus_host::Fault;
 
@@ -12,13 +12,6 @@ fn oven(points: &str) -> World {
     let mut world = World::new(&format!("{TEXT}[module.oven.point]\n{points}"), 1);
     world.pass(ms(300));
     world
-}
-
-fn pulse(width: u64) -> Pulse {
-    Pulse {
-        width: Some(ms(width)),
-        ..Pulse::default()
-    }
 }
 
 #[test]

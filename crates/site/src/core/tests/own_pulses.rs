@@ -2,7 +2,7 @@
 //! becomes of the process, of its disk and of the names.
 
 use super::super::*;
-use super::world::{End, Faults, World, at, bit, ms, who_is};
+use super::world::{End, Faults, World, at, bit, ms, pulse, who_is};
 use crate::CommandError;
 use railbus_host::Fault;
 use std::time::Duration;
@@ -17,11 +17,19 @@ fn site(text: &str) -> World {
     world
 }
 
-fn pulse(width: u64) -> Pulse {
-    Pulse {
-        width: Some(ms(width)),
-        ..Pulse::default()
-    }
+fn all_or_nothing(world: &mut World, set: &[(Place, bool)]) -> End<BatchDone> {
+    let set = set.to_vec();
+    let terms = BatchTerms {
+        all_or_nothing: true,
+        ..BatchTerms::default()
+    };
+    world.order(move |core| async move { core.batch(&who_is("li"), &set, terms).await })
+}
+
+/// The same of an output and one of the oven, which is dead.
+fn fails_with(world: &mut World, module: &str, on: bool) -> End<BatchDone> {
+    world.dead("oven", true);
+    all_or_nothing(world, &[(at(module, 1), on), (at("oven", 1), true)])
 }
 
 /// A batch ends a pulse that the module times by itself, and is undone: nothing would release the
@@ -39,14 +47,7 @@ fn an_undone_batch_leaves_no_pulse_of_a_module_without_an_end() {
         let begun = world.pulse("li", ("gate", 1), asks);
         world.pass(ms(500));
         assert_eq!(begun.now().unwrap().by, By::Device);
-        world.dead("oven", true);
-        let set = [(at("gate", 1), !off), (at("oven", 1), true)];
-        let terms = BatchTerms {
-            all_or_nothing: true,
-            ..BatchTerms::default()
-        };
-        let done =
-            world.order(move |core| async move { core.batch(&who_is("li"), &set, terms).await });
+        let done = fails_with(&mut world, "gate", !off);
         world.pass(ms(10_000));
         let done = done.now();
         assert_eq!(done.parts[0].end, Err(CommandError::NotUndone));
@@ -65,14 +66,7 @@ fn an_undone_batch_does_not_bring_back_a_pulse_that_ended_meanwhile() {
         let begun = world.pulse("li", ("gate", 1), pulse(1_000));
         world.pass(ms(after));
         assert_eq!(begun.now().unwrap().by, By::Device);
-        world.dead("oven", true);
-        let set = [(at("gate", 1), true), (at("oven", 1), true)];
-        let terms = BatchTerms {
-            all_or_nothing: true,
-            ..BatchTerms::default()
-        };
-        let done =
-            world.order(move |core| async move { core.batch(&who_is("li"), &set, terms).await });
+        let done = fails_with(&mut world, "gate", true);
         world.pass(ms(10_000));
         assert_eq!(world.relays("gate"), 0, "{after} ms");
         let end = done.now().parts[0].end.clone();
@@ -109,14 +103,7 @@ fn an_undone_batch_does_not_bring_back_the_end_of_a_pulse_that_was_taken_over() 
             assert!(on.now().is_ok() || !is_acknowledged);
             world.pass(ms(after));
             let before = world.relays("gate");
-            world.dead("oven", true);
-            let set = [(at("gate", 1), true), (at("oven", 1), true)];
-            let terms = BatchTerms {
-                all_or_nothing: true,
-                ..BatchTerms::default()
-            };
-            let done = world
-                .order(move |core| async move { core.batch(&who_is("li"), &set, terms).await });
+            let done = fails_with(&mut world, "gate", true);
             world.pass(ms(10_000));
             let end = done.now().parts[0].end.clone();
             let is_as_before = world.relays("gate") == before;
@@ -157,7 +144,7 @@ fn reload(world: &mut World, text: &str) {
     assert!(done.now().is_some());
 }
 
-/// The gate lets its output go, and pulls it in again after so many milliseconds.
+/// The gate releases its output, and switches it on again after so many milliseconds.
 fn lets_go(world: &mut World, width: u64) {
     world.move_by_hand("gate", bit(1));
     world.pass(ms(500));
@@ -181,17 +168,6 @@ fn assert_oven_is_excluded(world: &mut World, why: &str) {
     let both = [4, 3].map(|address| world.relays_at("/dev/ttyS9", address) & bit(1));
     assert!(is_refused, "{why}: {early:?}, then {both:?} are on");
     assert_eq!(both, [bit(1), 0], "{why}");
-}
-
-/// All or nothing with the oven, which is dead.
-fn fails_with(world: &mut World, module: &str, on: bool) -> End<BatchDone> {
-    world.dead("oven", true);
-    let set = [(at(module, 1), on), (at("oven", 1), true)];
-    let terms = BatchTerms {
-        all_or_nothing: true,
-        ..BatchTerms::default()
-    };
-    world.order(move |core| async move { core.batch(&who_is("li"), &set, terms).await })
 }
 
 /// A process that was killed at any moment of a pulse knows of it when it starts again: a batch
@@ -265,14 +241,14 @@ fn a_pulse_that_can_not_be_written_down_does_not_begin() {
     assert!(world.acted.is_empty());
     world.disk_takes = None;
     world.pass(ms(60_000));
-    // What did not begin keeps nobody from anything.
+    // A pulse that did not begin changes no later result.
     let done = fails_with(&mut world, "gate", true);
     world.pass(ms(10_000));
     assert_eq!(done.now().parts[0].end, Err(CommandError::Undone));
 }
 
-/// A board lets go of a relay for a minute and pulls it in again by itself, however it is read
-/// until then, and whoever starts or has its name.
+/// A board releases a relay for a minute and switches it on again by itself. Until then the relay
+/// counts as on, over restarts and new names too.
 #[test]
 fn an_output_that_comes_on_by_itself_is_excluded_until_then() {
     let restart = |world: &mut World| {
@@ -365,6 +341,33 @@ fn a_pulse_goes_on_whatever_names_its_board_has() {
     }
 }
 
+/// A module that one reload removes is added at another address by the next one, or by a start.
+#[test]
+fn a_pulse_is_known_where_a_removed_module_comes_back_at_another_address() {
+    for is_restarted in [false, true] {
+        let mut world = site(&excludes("gate", 4, "main"));
+        lets_go(&mut world, 60_000);
+        reload(&mut world, &without_gate("main"));
+        let port = "/dev/ttyS9".to_owned();
+        world.move_board(&(port.clone(), 4), &(port, 7));
+        if is_restarted {
+            world.become_other(&excludes("gate", 7, "main"));
+            world.kill();
+            world.start();
+        } else {
+            reload(&mut world, &excludes("gate", 7, "main"));
+        }
+        world.pass(ms(2_000));
+        assert_eq!(world.relays("gate"), 0);
+        let early = world.write("wang", ("oven", 1), true);
+        world.pass(ms(500));
+        assert!(
+            matches!(early.now(), Err(CommandError::Interlock { .. })),
+            "restarted: {is_restarted}"
+        );
+    }
+}
+
 /// What a reload finds out is on the disk with it.
 #[test]
 fn the_disk_knows_which_boards_may_have_a_pulse() {
@@ -413,8 +416,8 @@ fn a_pulse_that_was_never_sent_leaves_the_disk() {
     assert_eq!(world.disk, []);
 }
 
-/// An output that was off, and that nobody wanted on, is not switched on by an undone batch because
-/// another board had a pulse.
+/// An undone batch does not switch an output on that was off before it, because of a pulse of another
+/// board.
 #[test]
 fn the_end_of_a_pulse_is_of_its_board_alone() {
     let mut world = site(&format!("{OVEN}{GATE}"));
@@ -448,11 +451,7 @@ fn a_batch_is_not_undone_that_may_have_ended_a_pulse() {
     world.pass(ms(500));
     assert!(begun.now().is_ok());
     let set = [(at("gate", 1), true)];
-    let terms = BatchTerms {
-        all_or_nothing: true,
-        ..BatchTerms::default()
-    };
-    let done = world.order(move |core| async move { core.batch(&who_is("li"), &set, terms).await });
+    let done = all_or_nothing(&mut world, &set);
     let before = world.acted.len();
     world.faults.reply_lost = 1;
     let until = world.now + ms(5_000);

@@ -3,7 +3,7 @@
 use super::super::lines::WAITING_MAX;
 use super::super::reload::TURN_MAX;
 use super::super::*;
-use super::world::{End, World, bit, k, ms, who_is};
+use super::world::{End, World, bit, k, ms, pulse, who_is};
 use crate::rights::Who;
 use crate::{BadReason, CommandError, Rights, Role};
 use railbus_host::{Fault, LineState};
@@ -31,13 +31,6 @@ fn site() -> World {
     let mut world = World::new(&here(), 1);
     world.pass(ms(300));
     world
-}
-
-fn pulse(width: u64) -> Pulse {
-    Pulse {
-        width: Some(ms(width)),
-        ..Pulse::default()
-    }
 }
 
 fn closed<T>() -> Result<T, CommandError> {

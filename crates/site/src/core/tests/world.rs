@@ -137,6 +137,14 @@ pub(super) const fn ms(millis: u64) -> Micros {
     Micros::from_millis(millis)
 }
 
+/// A pulse of so many milliseconds.
+pub(super) fn pulse(width: u64) -> Pulse {
+    Pulse {
+        width: Some(ms(width)),
+        ..Pulse::default()
+    }
+}
+
 const POLL_EVERY: Micros = ms(250);
 
 impl World {
