@@ -416,8 +416,8 @@ fn a_pulse_that_was_never_sent_leaves_the_disk() {
     assert_eq!(world.disk, []);
 }
 
-/// An undone batch does not switch an output on that was off before it, because of a pulse of another
-/// board.
+/// An undone batch does not switch an output on that was off before it because another board had a
+/// pulse.
 #[test]
 fn the_end_of_a_pulse_is_of_its_board_alone() {
     let mut world = site(&format!("{OVEN}{GATE}"));
