@@ -7,7 +7,9 @@
 //! made from what its line says ([`kind`]).
 
 mod kind;
+mod modbus;
 mod modbus_tcp;
+mod network;
 mod outlet;
 pub(super) mod routes;
 mod run;

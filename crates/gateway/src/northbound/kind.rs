@@ -197,6 +197,12 @@ impl OutletKind {
     }
 }
 
+/// The texts of a list among the settings.
+pub(crate) fn texts<'s>(settings: &'s Keys, key: &str) -> impl Iterator<Item = &'s str> {
+    let list = settings.get(key).and_then(|value| value.as_array());
+    list.into_iter().flatten().filter_map(|item| item.as_str())
+}
+
 /// The tables `[outlet.NAME]` of this type.
 fn of_its_type(kind: &OutletKind, config: &Config) -> Vec<(String, Keys)> {
     let all = config.outlets.iter();

@@ -4,9 +4,9 @@
 //! it is under way the requests after it wait; those to other units don't, so that a module that
 //! does not answer holds up no other.
 
-use super::ends::{self, LastEnd};
-use super::image::{Look, UnitImage};
-use super::map::Space;
+use crate::northbound::modbus::ends::{self, LastEnd};
+use crate::northbound::modbus::image::{Look, UnitImage};
+use crate::northbound::modbus::map::Space;
 use railbus_device::Point;
 use railbus_host::Confirmation;
 use railbus_site::{CommandError, Config};

@@ -4,26 +4,20 @@
 //! Reads are answered from what is known, and only while that is good. Writes are commands of the
 //! site, and are answered with their true end.
 //!
-//! - Its settings, and which module is which unit: `settings`.
-//! - Which coil or register is which point: `map`. What is known of the points, and answers to
-//!   reads: `image`.
-//!   For people: `table`.
+//! - What it shares with other kinds that serve Modbus, as units and their answers: `modbus`.
+//! - Its settings: `settings`.
 //! - One connection, without I/O: `conn`. Sockets and limits: `server`.
-//! - How a command ended, in Modbus' codes: `ends`.
 
 mod conn;
-mod ends;
-mod image;
-mod map;
 #[cfg(test)]
 mod served;
 mod server;
 mod settings;
-mod table;
 #[cfg(test)]
 mod tests;
 
 use super::kind::{Field, OutletKind, Pair, Shape};
+use super::modbus::table;
 use super::outlet::Outlet;
 use railbus_api::problem::{Problem, codes};
 use railbus_site::{WITHIN_MAX, WITHIN_MIN};

@@ -1,8 +1,10 @@
 //! Sockets: who may connect, and for how long.
 
 use super::conn::{self, Answered, GATEWAY, ModbusConn, UnitWrite, Units, WriteEnd};
-use super::image::UnitImage;
-use super::{not_listening, settings};
+use super::not_listening;
+use crate::northbound::modbus::image::UnitImage;
+use crate::northbound::modbus::units;
+use crate::northbound::network;
 use crate::northbound::outlet::{Outlet, Report};
 use railbus_api::problem::{Problem, codes};
 use railbus_app::api::failures;
@@ -76,7 +78,7 @@ async fn serve(outlet: Outlet) -> Result<(), Problem> {
     let failed = |error: io::Error| not_listening(listen, error);
     let listener = TcpListener::bind(listen).await.map_err(failed)?;
     let settings = outlet.settings.borrow().clone();
-    let allowed = settings::allowed(&settings);
+    let allowed = network::allowed(&settings);
     let (mut site, stopped) = (outlet.service.follow(), outlet.stopped());
     tokio::pin!(stopped);
     // One for each connection: it waits for its answer before it asks again.
@@ -177,8 +179,8 @@ impl Shared {
     /// Builds the units of another configuration. Their points are unknown until the stream
     /// reports them.
     fn reconfigure(&self, state: &mut State, config: &Arc<Config>) {
-        let is_uniform = settings::is_uniform(&self.settings);
-        let names = settings::units(&self.settings, config);
+        let is_uniform = units::is_uniform(&self.settings);
+        let names = units::units(&self.settings, config);
         let images = names.by_unit.into_iter().filter_map(|(unit, name)| {
             let module = config.modules.get(&name)?;
             let mut image = UnitImage::new(&name, &module.line, module.setup, is_uniform);

@@ -1,8 +1,8 @@
 //! A connection and its units, without sockets.
 
 use super::conn::{ModbusConn, UnitWrite, Units, WriteEnd, note_end};
-use super::ends::LastEnd;
-use super::image::UnitImage;
+use crate::northbound::modbus::ends::LastEnd;
+use crate::northbound::modbus::image::UnitImage;
 use railbus_device::{Point, PointKind};
 use railbus_host::{Confirmation, Evidence, Fault};
 use railbus_site::config::Range;

@@ -9,11 +9,11 @@ use std::sync::Arc;
 
 /// A unit: a module, as a Modbus master sees it.
 #[derive(Clone, Debug)]
-pub(super) struct UnitImage {
+pub(crate) struct UnitImage {
     /// The name of the module.
-    pub(super) module: Arc<str>,
+    pub(crate) module: Arc<str>,
     /// What it is.
-    pub(super) setup: Setup,
+    pub(crate) setup: Setup,
     /// Its line, by name.
     line: String,
     map: UnitMap,
@@ -22,7 +22,7 @@ pub(super) struct UnitImage {
     analogs: Vec<Cell>,
     variables: Vec<Cell>,
     /// The last command to it through this outlet.
-    pub(super) last: LastCommand,
+    pub(crate) last: LastCommand,
 }
 
 /// A point, as it was told last.
@@ -35,24 +35,24 @@ struct Cell {
 
 /// The last command to a unit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct LastCommand {
+pub(crate) struct LastCommand {
     /// One more than the one before.
-    pub(super) number: u16,
+    pub(crate) number: u16,
     /// Its end.
-    pub(super) end: LastEnd,
+    pub(crate) end: LastEnd,
     /// The digits of its error code: 301 of `E0301`.
-    pub(super) code: u16,
+    pub(crate) code: u16,
     /// The first coil or register that it was for.
-    pub(super) at: u16,
+    pub(crate) at: u16,
 }
 
 /// What is asked of the site when registers about the unit itself are read: age, presence and round
 /// trip, as they stand in these registers.
-pub(super) type Look<'a> = &'a dyn Fn(&str) -> [u16; 3];
+pub(crate) type Look<'a> = &'a dyn Fn(&str) -> [u16; 3];
 
 impl UnitImage {
     /// A module of which nothing is known yet.
-    pub(super) fn new(module: &str, line: &str, setup: Setup, is_uniform: bool) -> UnitImage {
+    pub(crate) fn new(module: &str, line: &str, setup: Setup, is_uniform: bool) -> UnitImage {
         let unread = Cell {
             value: None,
             quality: PointQuality::Bad(BadReason::NeverRead),
@@ -74,7 +74,7 @@ impl UnitImage {
 
     /// Goes on from the image that the unit had before: with its last command if it is the same
     /// board under the same name, and in any case with the numbers of commands.
-    pub(super) fn goes_on_from(&mut self, before: &UnitImage) {
+    pub(crate) fn goes_on_from(&mut self, before: &UnitImage) {
         let board = |image: &UnitImage| (image.setup.family, image.setup.address);
         let is_named = self.module == before.module && self.line == before.line;
         match is_named && board(self) == board(before) {
@@ -85,14 +85,14 @@ impl UnitImage {
 
     /// A command to it has ended, with this error code. Nothing changes where another one has begun
     /// meanwhile.
-    pub(super) fn ended(&mut self, number: u16, end: LastEnd, code: u16) {
+    pub(crate) fn ended(&mut self, number: u16, end: LastEnd, code: u16) {
         if self.last.number == number {
             (self.last.end, self.last.code) = (end, code);
         }
     }
 
     /// A point is like this now.
-    pub(super) fn apply(&mut self, status: &PointStatus) {
+    pub(crate) fn apply(&mut self, status: &PointStatus) {
         let index = usize::from(status.point.index);
         if let Some(cell) = self.cells_mut(status.point.kind).get_mut(index) {
             *cell = Cell {
@@ -122,7 +122,7 @@ impl UnitImage {
     }
 
     /// Appends the data of a reply: byte count and bits.
-    pub(super) fn read_bits(
+    pub(crate) fn read_bits(
         &self,
         space: Space,
         (start, count): (u16, u16),
@@ -163,7 +163,7 @@ impl UnitImage {
     }
 
     /// Appends the data of a reply: byte count and registers.
-    pub(super) fn read_words(
+    pub(crate) fn read_words(
         &self,
         space: Space,
         (start, count): (u16, u16),
@@ -269,7 +269,7 @@ impl UnitImage {
     ///
     /// # Errors
     /// The exception of a request that writes no outputs.
-    pub(super) fn writes(&self, request: &Request<'_>) -> Result<Vec<(Point, bool)>, Exception> {
+    pub(crate) fn writes(&self, request: &Request<'_>) -> Result<Vec<(Point, bool)>, Exception> {
         match request {
             Request::WriteCoil { at, value } => {
                 // The value is checked before the address [MODBUS §3.5].
@@ -290,7 +290,7 @@ impl UnitImage {
 
     /// The outputs of a word of which a mask sets the bits: those that are 0 in `and` get the bits
     /// of `or`, and the others are not commanded.
-    pub(super) fn writes_masked(
+    pub(crate) fn writes_masked(
         &self,
         at: u16,
         and: u16,
@@ -302,7 +302,7 @@ impl UnitImage {
     }
 
     /// Whether all of these holding registers exist.
-    pub(super) fn has_holding(&self, start: u16, count: u16) -> Result<(), Exception> {
+    pub(crate) fn has_holding(&self, start: u16, count: u16) -> Result<(), Exception> {
         let space = Space::HoldingRegisters;
         let exist = (0..count).all(|at| {
             let at = start.checked_add(at);

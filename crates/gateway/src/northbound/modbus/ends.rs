@@ -7,7 +7,7 @@ use railbus_wire::rtu::Exception;
 /// How a command ended, as it stands in the register of the last command.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(u16)]
-pub(super) enum LastEnd {
+pub(crate) enum LastEnd {
     /// There was no command.
     #[default]
     None = 0,
@@ -36,7 +36,7 @@ impl From<Confirmation> for LastEnd {
 }
 
 /// The exception for a value that can't be said; none where it is good.
-pub(super) const fn of_quality(quality: PointQuality) -> Option<Exception> {
+pub(crate) const fn of_quality(quality: PointQuality) -> Option<Exception> {
     Some(match quality {
         PointQuality::Good => return None,
         PointQuality::Stale => Exception::TARGET,
@@ -51,7 +51,7 @@ pub(super) const fn of_quality(quality: PointQuality) -> Option<Exception> {
 }
 
 /// A quality as the number in its register; the higher one is the worse.
-pub(super) const fn number_of(quality: PointQuality) -> u16 {
+pub(crate) const fn number_of(quality: PointQuality) -> u16 {
     match quality {
         PointQuality::Good => 0,
         PointQuality::Stale => 1,
@@ -70,7 +70,7 @@ pub(super) const fn number_of(quality: PointQuality) -> u16 {
 /// The exception for a command that was not done. One that may have acted is always
 /// [`Exception::TARGET`], also if an output was read back otherwise: of several, others may have
 /// been switched.
-pub(super) fn of_failure(failure: &CommandError) -> (Exception, LastEnd) {
+pub(crate) fn of_failure(failure: &CommandError) -> (Exception, LastEnd) {
     let exception = match failure {
         CommandError::NoSuchLine
         | CommandError::NoSuchModule

@@ -8,7 +8,7 @@ use railbus_wire::{Exchange, Protocol, rtu};
 
 /// A space of Modbus; the four are separate [MODBUS §2.9].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum Space {
+pub(crate) enum Space {
     /// Functions 01, 05, 0F.
     Coils,
     /// Function 02.
@@ -21,7 +21,7 @@ pub(super) enum Space {
 
 /// What stands in a run of coils or registers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Content {
+pub(crate) enum Content {
     /// Points of this kind, a bit each.
     Bits(PointKind),
     /// Outputs 15 to 0, then 31 to 16, as bits of words.
@@ -40,7 +40,7 @@ pub(super) enum Content {
 
 impl Content {
     /// How many registers a value takes, or bits.
-    pub(super) const fn registers(self) -> u16 {
+    pub(crate) const fn registers(self) -> u16 {
         match self {
             Content::Floats | Content::Numbers => 2,
             Content::Bits(_)
@@ -59,7 +59,7 @@ impl Content {
 /// replied, 3 sent, 4 unknown, 5 failed, 6 under way), error code (301 is E0301) and first coil.
 const STATUS: u16 = 64;
 /// How many of them there are.
-pub(super) const STATUS_LEN: u16 = 8;
+pub(crate) const STATUS_LEN: u16 = 8;
 
 /// Outputs once more, to be read only.
 const OUTPUTS_READ: u16 = 100;
@@ -68,20 +68,20 @@ const NUMBERS: u16 = 256;
 
 /// Coils or registers with the same kind of content.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Run {
-    pub(super) space: Space,
-    pub(super) start: u16,
-    pub(super) count: u16,
-    pub(super) content: Content,
+pub(crate) struct Run {
+    pub(crate) space: Space,
+    pub(crate) start: u16,
+    pub(crate) count: u16,
+    pub(crate) content: Content,
 }
 
 /// The coils and registers of a unit.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct UnitMap(Vec<Run>);
+pub(crate) struct UnitMap(Vec<Run>);
 
 impl UnitMap {
     /// The map of a module: its own if it speaks Modbus, and is not to have the uniform one.
-    pub(super) fn of(setup: &Setup, is_uniform: bool) -> UnitMap {
+    pub(crate) fn of(setup: &Setup, is_uniform: bool) -> UnitMap {
         let mut runs = match setup.protocol {
             Protocol::Rtu if !is_uniform => own(setup),
             _ => uniform(setup),
@@ -96,7 +96,7 @@ impl UnitMap {
     }
 
     /// What stands at this address, and at which offset of its run.
-    pub(super) fn find(&self, space: Space, at: u16) -> Option<(Content, u16)> {
+    pub(crate) fn find(&self, space: Space, at: u16) -> Option<(Content, u16)> {
         self.0.iter().find_map(|run| {
             let offset = at.checked_sub(run.start)?;
             (run.space == space && offset < run.count).then_some((run.content, offset))
@@ -104,7 +104,7 @@ impl UnitMap {
     }
 
     /// All of it.
-    pub(super) fn runs(&self) -> &[Run] {
+    pub(crate) fn runs(&self) -> &[Run] {
         &self.0
     }
 }

@@ -1,7 +1,7 @@
 //! The coils and registers of all units as a table for people.
 
 use super::map::{Content, Run, Space, UnitMap};
-use super::settings;
+use super::units;
 use crate::northbound::kind::{AddressMap, Pair};
 use railbus_device::{Point, PointKind};
 use railbus_site::Config;
@@ -10,7 +10,7 @@ use railbus_site::config::change::Keys;
 use railbus_words::Lang;
 
 /// Where each point stands.
-pub(super) const MAP: AddressMap = AddressMap {
+pub(crate) const MAP: AddressMap = AddressMap {
     columns: &[
         ["Unit", "单元号"],
         ["Module", "模块"],
@@ -42,8 +42,8 @@ fn in_lang([en, zh]: Pair, lang: Lang) -> String {
 }
 
 fn rows(settings: &Keys, config: &Config, lang: Lang) -> Vec<Vec<String>> {
-    let is_uniform = settings::is_uniform(settings);
-    let units = settings::units(settings, config).by_unit;
+    let is_uniform = units::is_uniform(settings);
+    let units = units::units(settings, config).by_unit;
     let modules = units
         .iter()
         .filter_map(|(unit, name)| Some((*unit, name, config.modules.get(name)?)));

@@ -1,0 +1,12 @@
+//! What kinds that serve Modbus share: every module is a unit, whatever it speaks on its line.
+//!
+//! - Which module is which unit: `units`. Which coil or register of it is which point: `map`; the
+//!   same for people: `table`.
+//! - What is known of the points, and answers to reads: `image`.
+//! - How a command ended, in Modbus' codes: `ends`.
+
+pub(crate) mod ends;
+pub(crate) mod image;
+pub(crate) mod map;
+pub(crate) mod table;
+pub(crate) mod units;
