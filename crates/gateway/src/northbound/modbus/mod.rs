@@ -3,10 +3,12 @@
 //! - Which module is which unit: `units`. Which coil or register of it is which point: `map`; the
 //!   same for people: `table`.
 //! - What is known of the points, and answers to reads: `image`.
+//! - Requests to units, without what frames them: `request`.
 //! - How a command ended, in Modbus' codes: `ends`.
 
 pub(crate) mod ends;
 pub(crate) mod image;
 pub(crate) mod map;
+pub(crate) mod request;
 pub(crate) mod table;
 pub(crate) mod units;

@@ -1,8 +1,9 @@
 //! Sockets: who may connect, and for how long.
 
-use super::conn::{self, Answered, GATEWAY, ModbusConn, UnitWrite, Units, WriteEnd};
+use super::conn::{self, Answered, AskedWrite, ModbusConn};
 use super::not_listening;
 use crate::northbound::modbus::image::UnitImage;
+use crate::northbound::modbus::request::{GATEWAY, UnitWrite, Units, WriteEnd, note_end};
 use crate::northbound::modbus::units;
 use crate::northbound::network;
 use crate::northbound::outlet::{Outlet, Report};
@@ -244,7 +245,7 @@ impl Shared {
             // Fails if the outlet stops.
             let _ = synced.await;
         }
-        conn::note_end(&mut self.state.borrow_mut().images, write, &end);
+        note_end(&mut self.state.borrow_mut().images, write, &end);
         end
     }
 
@@ -306,8 +307,8 @@ struct Client {
     to: OwnedWriteHalf,
     conn: ModbusConn,
     /// Writes that have ended. They go on where the client has gone.
-    ended: mpsc::Sender<(UnitWrite, WriteEnd)>,
-    ends: mpsc::Receiver<(UnitWrite, WriteEnd)>,
+    ended: mpsc::Sender<(AskedWrite, WriteEnd)>,
+    ends: mpsc::Receiver<(AskedWrite, WriteEnd)>,
     /// When it last sent something that made sense.
     heard: Instant,
     /// Since when it has taken nothing of what it was answered; none where it has all.
@@ -396,7 +397,7 @@ impl Client {
             let (shared, service) = (Rc::clone(&self.shared), self.service.clone());
             let ended = self.ended.clone();
             spawn_local(async move {
-                let end = shared.carry_out(&service, &write).await;
+                let end = shared.carry_out(&service, &write.write).await;
                 // Fails where the client has gone.
                 let _ = ended.send((write, end)).await;
             });

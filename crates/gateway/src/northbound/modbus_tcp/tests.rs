@@ -1,8 +1,9 @@
 //! A connection and its units, without sockets.
 
-use super::conn::{ModbusConn, UnitWrite, Units, WriteEnd, note_end};
+use super::conn::{AskedWrite, ModbusConn};
 use crate::northbound::modbus::ends::LastEnd;
 use crate::northbound::modbus::image::UnitImage;
+use crate::northbound::modbus::request::{Units, WriteEnd, note_end};
 use railbus_device::{Point, PointKind};
 use railbus_host::{Confirmation, Evidence, Fault};
 use railbus_site::config::Range;
@@ -137,12 +138,12 @@ impl Stage {
         answer
     }
 
-    fn end(&mut self, write: &UnitWrite, end: WriteEnd) {
-        note_end(&mut self.images, write, &end);
-        self.with(|conn, units| conn.ended(write, &end, units));
+    fn end(&mut self, asked: &AskedWrite, end: WriteEnd) {
+        note_end(&mut self.images, &asked.write, &end);
+        self.with(|conn, units| conn.ended(asked, &end, units));
     }
 
-    fn write(&mut self) -> UnitWrite {
+    fn write(&mut self) -> AskedWrite {
         self.conn.writes.pop_front().expect("a write")
     }
 }
@@ -298,8 +299,8 @@ fn a_write_is_answered_with_its_end() {
     let asked = stage.send(OVEN, &request);
     assert_eq!(stage.answers(), [], "not before it has ended");
     let write = stage.write();
-    assert_eq!((write.unit, &*write.module), (OVEN, "oven"));
-    assert_eq!(write.set, [(output(1), true)]);
+    assert_eq!((write.write.unit, &*write.write.module), (OVEN, "oven"));
+    assert_eq!(write.write.set, [(output(1), true)]);
     stage.end(&write, Ok(Confirmation::Readback));
     assert_eq!(stage.answers(), [(asked, request.to_vec())]);
     assert_eq!(status(&mut stage), [1, LastEnd::Readback as u16, 0, 61]);
@@ -308,7 +309,7 @@ fn a_write_is_answered_with_its_end() {
     let asked = stage.send(OVEN, &several);
     let write = stage.write();
     let set = [(output(0), true), (output(1), false), (output(2), true)];
-    assert_eq!(write.set, set);
+    assert_eq!(write.write.set, set);
     stage.end(&write, no_reply());
     assert_eq!(stage.answers(), [(asked, vec![0x8F, 0x0B])]);
     assert_eq!(status(&mut stage), [2, LastEnd::Unknown as u16, 301, 60]);
@@ -330,13 +331,13 @@ fn words_of_outputs_are_one_command() {
         (output(18), false),
         (output(19), true),
     ];
-    assert_eq!(write.set, set);
+    assert_eq!(write.write.set, set);
     stage.end(&write, Ok(Confirmation::Reply));
     assert_eq!(stage.answers(), [(asked, vec![6, 0, 1, 0, 0b1001])]);
     stage.send(BOARD, &[0x10, 0, 0, 0, 2, 4, 0x80, 0, 0, 1]);
     let write = stage.write();
-    assert_eq!(write.set.len(), 20);
-    let on: Vec<_> = write.set.iter().filter(|(_, on)| *on).collect();
+    assert_eq!(write.write.set.len(), 20);
+    let on: Vec<_> = write.write.set.iter().filter(|(_, on)| *on).collect();
     assert_eq!(on, [&(output(15), true), &(output(16), true)]);
     stage.end(&write, Ok(Confirmation::Reply));
     stage.answers();
@@ -354,7 +355,7 @@ fn a_mask_commands_only_its_bits_and_a_read_comes_after_its_write() {
     let mask = [0x16, 0, 0, 0xFF, 0b1111_1010, 0, 0b0000_0001];
     let asked = stage.send(BOARD, &mask);
     let write = stage.write();
-    assert_eq!(write.set, [(output(0), true), (output(2), false)]);
+    assert_eq!(write.write.set, [(output(0), true), (output(2), false)]);
     stage.end(&write, Ok(Confirmation::Readback));
     assert_eq!(stage.answers(), [(asked, mask.to_vec())]);
     let nothing = [0x16, 0, 0, 0xFF, 0xFF, 0, 1];
@@ -370,7 +371,7 @@ fn a_mask_commands_only_its_bits_and_a_read_comes_after_its_write() {
     let both = [0x17, 0, 0, 0, 2, 0, 1, 0, 1, 2, 0, 0b1000];
     let asked = stage.send(BOARD, &both);
     let write = stage.write();
-    assert_eq!(write.set[3], (output(19), true));
+    assert_eq!(write.write.set[3], (output(19), true));
     stage.tell(BOARD, "board", output(19), ON);
     stage.end(&write, Ok(Confirmation::Readback));
     assert_eq!(stage.answers(), [(asked, vec![0x17, 4, 0, 0, 0, 0b1000])]);
@@ -416,7 +417,7 @@ fn requests_behind_a_write_wait_and_those_to_other_units_do_not() {
         [(first, vec![5, 0, 60, 0xFF, 0]), (read, vec![1, 1, 1])]
     );
     let write = stage.write();
-    assert_eq!(write.set, [(output(0), false)]);
+    assert_eq!(write.write.set, [(output(0), false)]);
     stage.end(&write, no_reply());
     assert_eq!(
         stage.answers(),
@@ -445,9 +446,9 @@ fn what_waited_through_a_reload_is_not_carried_out() {
         ]
     );
     assert_eq!(stage.conn.writes, []);
-    assert!(Arc::ptr_eq(&write.asked_by, &by_then));
+    assert!(Arc::ptr_eq(&write.write.asked_by, &by_then));
     stage.send(OVEN, &[5, 0, 62, 0xFF, 0]);
-    assert!(Arc::ptr_eq(&stage.write().asked_by, &stage.config));
+    assert!(Arc::ptr_eq(&stage.write().write.asked_by, &stage.config));
 }
 
 /// Its unit says how it ended though its client has gone.
@@ -457,7 +458,7 @@ fn the_end_of_a_command_is_noted_without_its_client() {
     stage.send(OVEN, &[5, 0, 60, 0xFF, 0]);
     let write = stage.write();
     stage.conn = ModbusConn::default();
-    note_end(&mut stage.images, &write, &no_reply());
+    note_end(&mut stage.images, &write.write, &no_reply());
     let last = stage.images[&OVEN].last;
     assert_eq!((last.end, last.code), (LastEnd::Unknown, 301));
     // The same board goes on under its name, another one begins anew.
