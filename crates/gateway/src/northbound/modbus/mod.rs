@@ -4,11 +4,13 @@
 //!   same for people: `table`.
 //! - What is known of the points, and answers to reads: `image`.
 //! - Requests to units, without what frames them: `request`.
+//! - The units of a site, and who carries their writes out: `site_units`.
 //! - How a command ended, in Modbus' codes: `ends`.
 
 pub(crate) mod ends;
 pub(crate) mod image;
-pub(crate) mod map;
+mod map;
 pub(crate) mod request;
+pub(crate) mod site_units;
 pub(crate) mod table;
 pub(crate) mod units;

@@ -1,33 +1,26 @@
 //! Sockets: who may connect, and for how long.
 
-use super::conn::{self, Answered, AskedWrite, ModbusConn};
+use super::conn::{self, AskedWrite, ModbusConn};
 use super::not_listening;
-use crate::northbound::modbus::image::UnitImage;
-use crate::northbound::modbus::request::{GATEWAY, UnitWrite, Units, WriteEnd, note_end};
-use crate::northbound::modbus::units;
+use crate::northbound::modbus::request::{GATEWAY, WriteEnd};
+use crate::northbound::modbus::site_units::SiteUnits;
 use crate::northbound::network;
-use crate::northbound::outlet::{Outlet, Report};
-use railbus_api::problem::{Problem, codes};
-use railbus_app::api::failures;
-use railbus_host::Presence;
-use railbus_site::config::Invalid;
-use railbus_site::config::change::Keys;
-use railbus_site::{Config, News, PointStatus, Service, Within, WriteTerms};
+use crate::northbound::outlet::Outlet;
+use railbus_api::problem::Problem;
+use railbus_site::Service;
+use railbus_wire::Decoded;
 use railbus_wire::mbap::{self, Message};
 use railbus_wire::rtu::Identification;
-use railbus_wire::{Decoded, Micros};
-use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::rc::Rc;
-use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::tcp::{OwnedReadHalf, OwnedWriteHalf};
 use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::{mpsc, oneshot};
+use tokio::sync::mpsc;
 use tokio::task::{Id, JoinSet, LocalSet, spawn_local, yield_now};
 use tokio::time::{Instant, sleep_until, timeout};
 
@@ -48,26 +41,6 @@ const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
 /// How long a test waits.
 const TEST_MAX: Duration = Duration::from_secs(3);
 
-/// What all connections share, on the one thread of the outlet.
-struct Shared {
-    service: Service,
-    site: Arc<str>,
-    report: Report,
-    settings: Keys,
-    state: RefCell<State>,
-    /// To be told once everything that has happened by now is in the images.
-    sync: mpsc::Sender<oneshot::Sender<()>>,
-    within: Within,
-}
-
-struct State {
-    /// The configuration that the units are of.
-    config: Arc<Config>,
-    images: BTreeMap<u8, UnitImage>,
-    /// Modules that are no unit by that configuration; none where all are.
-    problem: Option<Problem>,
-}
-
 /// Serves clients until it is to stop.
 pub(super) async fn run(outlet: Outlet) -> Result<(), Problem> {
     let local = LocalSet::new();
@@ -78,26 +51,11 @@ async fn serve(outlet: Outlet) -> Result<(), Problem> {
     let listen = outlet.listen();
     let failed = |error: io::Error| not_listening(listen, error);
     let listener = TcpListener::bind(listen).await.map_err(failed)?;
-    let settings = outlet.settings.borrow().clone();
-    let allowed = network::allowed(&settings);
+    let allowed = network::allowed(&outlet.settings.borrow());
     let (mut site, stopped) = (outlet.service.follow(), outlet.stopped());
     tokio::pin!(stopped);
-    // One for each connection: it waits for its answer before it asks again.
-    let (sync, mut syncs) = mpsc::channel(CLIENTS_MAX);
-    let within = Micros::from_millis(outlet.number("within_ms").unsigned_abs());
-    let shared = Rc::new(Shared {
-        service: outlet.service.clone(),
-        site: Arc::clone(&outlet.site),
-        report: outlet.report.clone(),
-        settings,
-        state: RefCell::new(State {
-            config: Arc::default(),
-            images: BTreeMap::new(),
-            problem: None,
-        }),
-        sync,
-        within: Within::new(within).unwrap_or_default(),
-    });
+    let (units, mut syncs) = SiteUnits::new(&outlet);
+    let units = Rc::new(units);
     let mut clients = JoinSet::new();
     let mut addresses: BTreeMap<Id, IpAddr> = BTreeMap::new();
     let mut accepts_at = Instant::now();
@@ -109,12 +67,12 @@ async fn serve(outlet: Outlet) -> Result<(), Problem> {
             biased;
             () = &mut stopped => return Ok(()),
             news = site.next() => match news {
-                Some(news) => shared.take(&news),
+                Some(news) => units.take(&news),
                 None => return Ok(()),
             },
             Some(done) = syncs.recv() => {
                 while let Some(news) = site.next_now() {
-                    shared.take(&news);
+                    units.take(&news);
                 }
                 // Fails if the connection has gone.
                 let _ = done.send(());
@@ -136,11 +94,11 @@ async fn serve(outlet: Outlet) -> Result<(), Problem> {
                     let here = addresses.values().filter(|address| **address == from);
                     if may && clients.len() < CLIENTS_MAX && here.count() < PER_ADDRESS_MAX {
                         let service = outlet.service_for(from);
-                        let client = client(Rc::clone(&shared), service, stream);
+                        let client = client(Rc::clone(&units), service, stream);
                         let id = clients.spawn_local(client).id();
                         addresses.insert(id, from);
                     } else {
-                        shared.report.counts().dropped.fetch_add(1, Relaxed);
+                        outlet.report.counts().dropped.fetch_add(1, Relaxed);
                     }
                 }
                 // The client was gone already, or there are too many open files.
@@ -151,141 +109,18 @@ async fn serve(outlet: Outlet) -> Result<(), Problem> {
     }
 }
 
-impl Shared {
-    /// Takes over what happened at the site.
-    fn take(&self, news: &News) {
-        match news {
-            News::Picture(picture) => self.apply(&picture.config, picture.points.iter()),
-            News::Batch(batch) => {
-                let points = batch.points.iter().map(|reading| &reading.status);
-                self.apply(&batch.config, points);
-            }
-        }
-    }
-
-    /// Points of the units of this configuration.
-    fn apply<'p>(&self, config: &Arc<Config>, points: impl Iterator<Item = &'p PointStatus>) {
-        let state = &mut *self.state.borrow_mut();
-        if !Arc::ptr_eq(config, &state.config) {
-            self.reconfigure(state, config);
-        }
-        for point in points {
-            let mut units = state.images.values_mut();
-            if let Some(unit) = units.find(|unit| *unit.module == *point.module) {
-                unit.apply(point);
-            }
-        }
-    }
-
-    /// Builds the units of another configuration. Their points are unknown until the stream
-    /// reports them.
-    fn reconfigure(&self, state: &mut State, config: &Arc<Config>) {
-        let is_uniform = units::is_uniform(&self.settings);
-        let names = units::units(&self.settings, config);
-        let images = names.by_unit.into_iter().filter_map(|(unit, name)| {
-            let module = config.modules.get(&name)?;
-            let mut image = UnitImage::new(&name, &module.line, module.setup, is_uniform);
-            if let Some(before) = state.images.get(&unit) {
-                image.goes_on_from(before);
-            }
-            Some((unit, image))
-        });
-        state.images = images.collect();
-        state.config = Arc::clone(config);
-        // A configuration in which a module has moved comes into force without being asked.
-        let problem = names.problems.first().map(|problem| match problem {
-            Invalid::UnitTaken(unit, modules) => Problem::new(codes::UNIT_TAKEN)
-                .with("reason", format!("{}: {unit}", modules.join(", "))),
-            Invalid::NeedsUnit(module) => {
-                Problem::new(codes::NOT_A_UNIT).with("reason", module.as_str())
-            }
-            // A module in `units` or `modules` that is gone.
-            _ => Problem::new(codes::NOT_A_UNIT).with("reason", "units"),
-        });
-        let was_wrong = std::mem::replace(&mut state.problem, problem).is_some();
-        match &state.problem {
-            Some(problem) => self.report.failed(problem.clone(), 1, None),
-            None if was_wrong => self.report.worked(),
-            None => {}
-        }
-    }
-
-    /// Answers what a connection received.
-    fn with_units<T>(&self, work: impl FnOnce(&mut Units<'_>) -> T) -> T {
-        let look = |module: &str| look(&self.service, module);
-        let state = &mut *self.state.borrow_mut();
-        work(&mut Units {
-            images: &mut state.images,
-            look: &look,
-            site: &self.site,
-            config: &state.config,
-        })
-    }
-
-    /// Carries a write out, for a client of this name. When this returns, its effect is in the
-    /// images, and its unit says how it ended.
-    async fn carry_out(&self, service: &Service, write: &UnitWrite) -> WriteEnd {
-        let terms = WriteTerms {
-            within: self.within,
-            ..WriteTerms::default()
-        };
-        // At the board that was the unit when it was asked.
-        let end = service.write_since(&write.asked_by, &write.module, &write.set, terms);
-        let end = match end.await {
-            Ok(done) => Ok(done.confirmed),
-            Err(failure) => {
-                let point = write.set.first().map(|(point, _)| *point);
-                let problem = failures::problem(service, &write.module, point, &failure);
-                let digits = problem.code.trim_start_matches('E').parse();
-                Err((failure, digits.unwrap_or_default()))
-            }
-        };
-        let (done, synced) = oneshot::channel();
-        if self.sync.send(done).await.is_ok() {
-            // Fails if the outlet stops.
-            let _ = synced.await;
-        }
-        note_end(&mut self.state.borrow_mut().images, write, &end);
-        end
-    }
-
-    fn count(&self, answered: Answered) {
-        let counts = self.report.counts();
-        counts.sent.fetch_add(answered.good, Relaxed);
-        counts.refused.fetch_add(answered.refused, Relaxed);
-    }
-}
-
-/// Age, presence and round trip of a module, as they stand in its registers.
-fn look(service: &Service, module: &str) -> [u16; 3] {
-    let (_, points) = service.points_now(module);
-    let ages: Option<Vec<Micros>> = points.iter().map(|point| point.age).collect();
-    let oldest = ages.and_then(|ages| ages.into_iter().max());
-    let tenths = oldest.and_then(|age| u16::try_from(age.0 / 100_000).ok());
-    let status = service.module(module);
-    let presence = match status.as_ref().map(|status| status.presence) {
-        None | Some(Presence::Unheard) => 0,
-        Some(Presence::Online) => 1,
-        Some(Presence::Silent) => 2,
-        Some(Presence::OtherModel) => 3,
-    };
-    let rtt = status.and_then(|status| status.rtt);
-    let rtt = rtt.map_or(0, |rtt| u16::try_from(rtt.0 / 1_000).unwrap_or(u16::MAX));
-    [tenths.unwrap_or(u16::MAX), presence, rtt]
-}
-
 /// Serves one client until it goes, or is to go.
-async fn client(shared: Rc<Shared>, service: Service, stream: TcpStream) {
+async fn client(units: Rc<SiteUnits>, service: Service, stream: TcpStream) {
     // Only makes answers later.
     let _ = stream.set_nodelay(true);
-    if shared.state.borrow().problem.is_none() {
-        shared.report.worked();
+    if units.are_all() {
+        units.report.worked();
     }
     // No more can be under way than wait.
     let (ended, ends) = mpsc::channel(conn::WAITING_MAX);
     let (from, to) = stream.into_split();
     let mut client = Client {
-        shared,
+        units,
         service,
         from,
         to,
@@ -300,7 +135,7 @@ async fn client(shared: Rc<Shared>, service: Service, stream: TcpStream) {
 }
 
 struct Client {
-    shared: Rc<Shared>,
+    units: Rc<SiteUnits>,
     /// The site, in the name of this client.
     service: Service,
     from: OwnedReadHalf,
@@ -336,7 +171,7 @@ impl Client {
                 }
                 Some((write, end)) = self.ends.recv() => {
                     let conn = &mut self.conn;
-                    self.shared.with_units(|units| conn.ended(&write, &end, units));
+                    self.units.with_units(|units| conn.ended(&write, &end, units));
                     self.begin_writes();
                     self.write()?;
                 }
@@ -381,7 +216,7 @@ impl Client {
     /// Answers what was read.
     fn answer(&mut self, was_partial: bool) -> io::Result<()> {
         let conn = &mut self.conn;
-        let end = self.shared.with_units(|units| conn.answer(units));
+        let end = self.units.with_units(|units| conn.answer(units));
         // A message that comes byte by byte has no longer for that.
         if !was_partial || end.is_ok_and(|requests| requests > 0) {
             self.heard = Instant::now();
@@ -394,10 +229,10 @@ impl Client {
     /// Begins the writes that were asked for.
     fn begin_writes(&mut self) {
         while let Some(write) = self.conn.writes.pop_front() {
-            let (shared, service) = (Rc::clone(&self.shared), self.service.clone());
+            let (units, service) = (Rc::clone(&self.units), self.service.clone());
             let ended = self.ended.clone();
             spawn_local(async move {
-                let end = shared.carry_out(&service, &write.write).await;
+                let end = units.carry_out(&service, &write.write).await;
                 // Fails where the client has gone.
                 let _ = ended.send((write, end)).await;
             });
@@ -406,7 +241,10 @@ impl Client {
 
     /// Sends what the client takes by now.
     fn write(&mut self) -> io::Result<()> {
-        self.shared.count(std::mem::take(&mut self.conn.answered));
+        let answered = std::mem::take(&mut self.conn.answered);
+        let counts = self.units.report.counts();
+        counts.sent.fetch_add(answered.good, Relaxed);
+        counts.refused.fetch_add(answered.refused, Relaxed);
         let was_full = self.conn.out.len() > UNREAD_MAX;
         while !self.conn.out.is_empty() {
             match self.to.try_write(&self.conn.out) {
