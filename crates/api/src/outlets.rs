@@ -146,6 +146,9 @@ pub struct OutletInfo {
     pub dropped: u64,
     /// What waits now, including what is being sent.
     pub queue: usize,
+    /// How many clients are connected to it, for kinds that listen.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub clients: Option<usize>,
     /// When it last delivered something, as RFC 3339 in UTC.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub last_success: Option<String>,

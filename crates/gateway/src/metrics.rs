@@ -183,6 +183,17 @@ impl Scrape {
                 one.encode_gauge(&i64::try_from(outlet.queue).unwrap_or(i64::MAX))?;
             }
         }
+        let about = "Who is connected to an integration that listens";
+        let name = "railbus_outlet_clients";
+        let mut family = to.encode_descriptor(name, about, None, MetricType::Gauge)?;
+        for outlet in &self.outlets {
+            let Some(clients) = outlet.clients else {
+                continue;
+            };
+            let labels = [("kind", outlet.kind), ("outlet", outlet.name.as_str())];
+            let mut one = family.encode_family(&labels)?;
+            one.encode_gauge(&i64::try_from(clients).unwrap_or(i64::MAX))?;
+        }
         let about = "Whether an integration works";
         let name = "railbus_outlet_up";
         let mut family = to.encode_descriptor(name, about, None, MetricType::Gauge)?;

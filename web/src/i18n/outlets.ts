@@ -21,6 +21,7 @@ export const outlets = {
     "done: {sent}, waiting: {queue}, refused or failed: {failed}, dropped: {dropped}",
     "完成 {sent}，等待 {queue}，被拒或失败 {failed}，丢弃 {dropped}",
   ],
+  outlet_clients: ["connected: {count}", "已连接 {count}"],
   outlet_last: ["Last success: {at}", "最近成功：{at}"],
   outlet_map: ["Addresses", "地址表"],
   outlet_map_of: ["Addresses of {name}", "{name} 的地址表"],

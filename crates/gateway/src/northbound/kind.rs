@@ -40,6 +40,8 @@ pub(crate) struct OutletKind {
     pub(crate) test: fn(Outlet) -> Work<Result<String, Problem>>,
     /// Where each point stands at the other side; none where that is not fixed.
     pub(crate) map: Option<AddressMap>,
+    /// Whether others connect to it, so that it counts them.
+    pub(crate) has_clients: bool,
     /// What becomes of a running outlet when its settings change.
     pub(crate) on_change: OnChange,
     /// The table of the configuration in which its outlets stand: [`TABLE`].
@@ -172,6 +174,7 @@ impl OutletKind {
             run,
             test,
             map: None,
+            has_clients: false,
             on_change: OnChange::Restart,
             table: TABLE,
             outlets: of_its_type,

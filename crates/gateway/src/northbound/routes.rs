@@ -206,6 +206,7 @@ fn about(site: &Site, headers: &HeaderMap, id: &OutletId, outlet: &Supervised) -
     let config = outlet.config();
     let counts = outlet.counts();
     let northbound = &site.northbound;
+    let has_clients = of_name(id.kind).is_some_and(|kind| kind.has_clients);
     OutletInfo {
         kind: id.kind.to_owned(),
         outlet: id.name.clone(),
@@ -222,6 +223,7 @@ fn about(site: &Site, headers: &HeaderMap, id: &OutletId, outlet: &Supervised) -
         failed: counts.refused.load(Relaxed) + counts.given_up.load(Relaxed),
         dropped: counts.dropped.load(Relaxed),
         queue: counts.queue.load(Relaxed),
+        clients: has_clients.then(|| counts.clients.load(Relaxed)),
         last_success: outlet.worked().map(rfc3339),
         last_error: outlet.error().cloned().map(|mut error| {
             error.problem = in_words(site, headers, error.problem);

@@ -63,6 +63,8 @@ pub(crate) struct OutletFigures {
     pub(crate) name: String,
     pub(crate) results: [(&'static str, u64); 4],
     pub(crate) queue: usize,
+    /// For kinds that listen.
+    pub(crate) clients: Option<usize>,
     pub(crate) is_up: bool,
 }
 
@@ -257,6 +259,7 @@ impl Northbound {
     pub(crate) fn figures(&self) -> Vec<OutletFigures> {
         self.each(|id, outlet| {
             let counts = outlet.counts();
+            let has_clients = super::of_name(id.kind).is_some_and(|kind| kind.has_clients);
             OutletFigures {
                 kind: id.kind,
                 name: id.name.clone(),
@@ -267,6 +270,7 @@ impl Northbound {
                     ("dropped", counts.dropped.load(Relaxed)),
                 ],
                 queue: counts.queue.load(Relaxed),
+                clients: has_clients.then(|| counts.clients.load(Relaxed)),
                 is_up: outlet.state() == OutletState::Running,
             }
         })

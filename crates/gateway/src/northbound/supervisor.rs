@@ -64,6 +64,8 @@ pub(crate) struct OutletCounts {
     pub(crate) dropped: AtomicU64,
     /// What waits, including what is being sent.
     pub(crate) queue: AtomicUsize,
+    /// Who is connected to it, for kinds that listen.
+    pub(crate) clients: AtomicUsize,
 }
 
 #[derive(Debug)]
@@ -447,6 +449,7 @@ impl Supervisor {
         self.with(run, |supervisor, id, outlet| {
             // What waited for it is gone with it.
             outlet.counts.queue.store(0, Relaxed);
+            outlet.counts.clients.store(0, Relaxed);
             match outlet.phase {
                 Phase::Stopping(..) => {
                     outlet.enter(now, Phase::Stopped);

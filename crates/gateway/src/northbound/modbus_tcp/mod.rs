@@ -27,6 +27,7 @@ use std::net::SocketAddr;
 pub(super) static KIND: OutletKind = OutletKind {
     notes: NOTES,
     map: Some(table::MAP),
+    has_clients: true,
     check: settings::check,
     ..OutletKind::new(
         "modbus_tcp",

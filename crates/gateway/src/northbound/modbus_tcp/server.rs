@@ -62,6 +62,7 @@ async fn serve(outlet: Outlet) -> Result<(), Problem> {
     outlet.report.ready();
     loop {
         let accepts = accepts_at <= Instant::now();
+        outlet.report.counts().clients.store(clients.len(), Relaxed);
         // In this order: however many requests come, values are those of now, and it stops.
         tokio::select! {
             biased;
