@@ -79,7 +79,7 @@ use access::Gate;
 use config::Desk;
 use guard::Front;
 use listen::ConnectionLimit;
-use northbound::Northbound;
+use northbound::{DemoOutlet, Northbound};
 use notify::Notify;
 use railbus_api::problem::Problem;
 use railbus_app::api::failures::bad_config;
@@ -235,6 +235,7 @@ struct Source {
 /// The demo line, and the folder of its site, which is removed last.
 struct Demo {
     line: Background,
+    outlets: Vec<DemoOutlet>,
     _folder: OwnFolder,
 }
 
@@ -251,7 +252,7 @@ impl Source {
     fn open(lang: Lang, wanted: &ServeOptions) -> Result<Source, Failure> {
         let refused = |problem: Problem| Failure::of_problem(lang, &problem);
         if wanted.demo {
-            return Source::demo(lang);
+            return Source::demo(lang, wanted.listen == LISTEN);
         }
         // If there is none anywhere, one is created here.
         let file = config_file::path(wanted.config.as_deref());
@@ -269,11 +270,16 @@ impl Source {
         })
     }
 
-    fn demo(lang: Lang) -> Result<Source, Failure> {
+    /// Only one demo can listen at the usual address: it has the outlets of the demo, too.
+    fn demo(lang: Lang, is_usual: bool) -> Result<Source, Failure> {
         let folder = OwnFolder::make().map_err(|error| system(lang, error))?;
         let line = Background::start(lang, folder.0.join("line"))?;
         let port = line.path().display().to_string();
-        let text = railbus_plant::demo::text(&port);
+        let (text, outlets) = match is_usual {
+            true => northbound::of_demo(),
+            false => Default::default(),
+        };
+        let text = railbus_plant::demo::text(&port) + &text;
         let file = folder.0.join(config_file::NAME);
         std::fs::write(&file, &text).map_err(|error| system(lang, error))?;
         let config = Config::parse(&text).map_err(|problems| {
@@ -283,6 +289,7 @@ impl Source {
         let state = folder.0.join(".railbus");
         let demo = Demo {
             line,
+            outlets,
             _folder: folder,
         };
         Ok(Source {
@@ -532,9 +539,19 @@ fn announce(
         format!("\n  setup   {link}   {once}")
     });
     let tls = tls.map(|tls| format!("\n  tls     SHA-256 {}", tls.fingerprint()));
+    let outlets = source.demo.iter().flat_map(|demo| &demo.outlets);
+    let told = outlets.map(|outlet| {
+        let [en, zh] = outlet.about;
+        let about = match lang {
+            Lang::En => en,
+            Lang::Zh => zh,
+        };
+        format!("\n  {:<7} {}   {about}", outlet.name, outlet.listen)
+    });
+    let outlets: String = told.collect();
     say(&format!(
         "railbus {version}  {what}\n  web     {origin}/{}{}\n  api     {origin}/api/v1\n  \
-         socket  {socket}\n  {}",
+         socket  {socket}{outlets}\n  {}",
         setup.unwrap_or_default(),
         tls.unwrap_or_default(),
         lang.get(GatewayText::ServeStop)

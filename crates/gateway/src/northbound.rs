@@ -24,11 +24,14 @@ mod webhook;
 
 pub(super) use run::{Northbound, OutletFigures};
 
-use kind::OutletKind;
+pub(super) use kind::DemoOutlet;
+use kind::{OutletKind, TABLE};
 use railbus_api::problem::{Problem, ProblemType};
 use railbus_app::api::failures::bad_config;
 use railbus_site::Config;
+use railbus_site::config::OUTLET_TYPE;
 use railbus_words::Lang;
+use std::net::{SocketAddr, TcpListener};
 use supervisor::OutletId;
 
 /// Every kind of outlet.
@@ -47,7 +50,7 @@ pub(super) fn kinds() -> impl Iterator<Item = &'static str> {
 /// Whether a table of the configuration, such as `outlet.plant`, is one of an outlet.
 pub(super) fn is_outlet(table: &str) -> bool {
     let table = table.split_once('.').map(|(table, _)| table);
-    table == Some(kind::TABLE) || NORTHBOUND.iter().any(|kind| table == Some(kind.table))
+    table == Some(TABLE) || NORTHBOUND.iter().any(|kind| table == Some(kind.table))
 }
 
 /// The problem where a table of the configuration has no outlet of a name; none if no outlets
@@ -78,6 +81,26 @@ pub(super) fn check(lang: Lang, file: &str, text: &str, config: &Config) -> Resu
         [] => Ok(()),
         problems => Err(bad_config(lang, file, problems)),
     }
+}
+
+/// The outlets that the demo has, also as text of its configuration: those whose port is free.
+pub(super) fn of_demo() -> (String, Vec<DemoOutlet>) {
+    demo_where(|listen| TcpListener::bind(listen).is_ok())
+}
+
+/// The same, by where one can listen.
+fn demo_where(is_free: impl Fn(SocketAddr) -> bool) -> (String, Vec<DemoOutlet>) {
+    let (mut text, mut outlets) = (String::new(), Vec::new());
+    for kind in NORTHBOUND {
+        if let Some(demo) = kind.demo.filter(|demo| is_free(demo.listen)) {
+            text += &format!(
+                "\n[{TABLE}.{}]\n{OUTLET_TYPE} = \"{}\"\n",
+                demo.name, kind.name
+            );
+            outlets.push(demo);
+        }
+    }
+    (text, outlets)
 }
 
 /// Whether outlets of a new configuration only lead where the owner of the daemon allows it, or

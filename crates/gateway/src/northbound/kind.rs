@@ -6,6 +6,7 @@ use railbus_site::config::Invalid;
 use railbus_site::config::change::Keys;
 use railbus_site::{Config, Events};
 use railbus_words::Lang;
+use std::net::SocketAddr;
 use std::pin::Pin;
 
 /// A text in English and in Simplified Chinese.
@@ -40,6 +41,8 @@ pub(crate) struct OutletKind {
     pub(crate) test: fn(Outlet) -> Work<Result<String, Problem>>,
     /// Where each point stands at the other side; none where that is not fixed.
     pub(crate) map: Option<AddressMap>,
+    /// The outlet of this kind that the demo has.
+    pub(crate) demo: Option<DemoOutlet>,
     /// Whether others connect to it, so that it counts them.
     pub(crate) has_clients: bool,
     /// What becomes of a running outlet when its settings change.
@@ -62,6 +65,17 @@ impl std::fmt::Debug for OutletKind {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(self.name)
     }
+}
+
+/// An outlet with no settings but its type, which the demo has while its port is free.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct DemoOutlet {
+    /// Its name.
+    pub(crate) name: &'static str,
+    /// Where it listens.
+    pub(crate) listen: SocketAddr,
+    /// What is said of it on the terminal, where programs can be connected.
+    pub(crate) about: Pair,
 }
 
 /// Where each point stands at the other side, as a table.
@@ -174,6 +188,7 @@ impl OutletKind {
             run,
             test,
             map: None,
+            demo: None,
             has_clients: false,
             on_change: OnChange::Restart,
             table: TABLE,

@@ -340,3 +340,22 @@ fn the_recipe_names_the_files_of_a_kind() {
         }
     }
 }
+
+/// What the demo has is a valid configuration; an outlet whose port is taken is left out.
+#[test]
+fn the_demo_has_its_outlets_where_their_ports_are_free() {
+    let (text, outlets) = demo_where(|_| true);
+    assert!(!outlets.is_empty());
+    let text = railbus_plant::demo::text("/dev/ttyS99") + &text;
+    let config = Config::parse(&text).unwrap();
+    check(Lang::En, "railbus.toml", &text, &config).unwrap();
+    assert_eq!(config.outlets.len(), outlets.len());
+    for outlet in &outlets {
+        assert!(outlet.listen.ip().is_loopback(), "{outlet:?}");
+        // Nobody switches anything without asking for it.
+        let settings = &config.outlets[outlet.name].settings;
+        assert!(!settings.contains_key("write"), "{outlet:?}");
+    }
+    let (text, outlets) = demo_where(|_| false);
+    assert!(text.is_empty() && outlets.is_empty());
+}

@@ -16,17 +16,25 @@ mod settings;
 #[cfg(test)]
 mod tests;
 
-use super::kind::{Field, OutletKind, Pair, Shape};
+use super::kind::{DemoOutlet, Field, OutletKind, Pair, Shape};
 use super::modbus::table;
 use super::outlet::Outlet;
 use railbus_api::problem::{Problem, codes};
 use railbus_site::{WITHIN_MAX, WITHIN_MIN};
-use std::net::SocketAddr;
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 
 /// Modbus TCP, as a server.
 pub(super) static KIND: OutletKind = OutletKind {
     notes: NOTES,
     map: Some(table::MAP),
+    demo: Some(DemoOutlet {
+        name: "modbus",
+        listen: LISTEN,
+        about: [
+            "read only, each module is a unit",
+            "只读，每个模块为一个单元",
+        ],
+    }),
     has_clients: true,
     check: settings::check,
     ..OutletKind::new(
@@ -66,7 +74,7 @@ const NOTES: &[Pair] = &[
 ];
 
 /// Where it listens if nothing else is said.
-const LISTEN: &str = "127.0.0.1:1502";
+const LISTEN: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 1_502);
 
 const FIELDS: &[Field] = &[
     Field::new("listen", ["Listen at", "监听地址"], Shape::Text(64)).with_hint([
@@ -133,6 +141,6 @@ impl Outlet {
     fn listen(&self) -> SocketAddr {
         let listen = settings::listen(&self.settings.borrow());
         // Nothing else passes the check of a configuration.
-        listen.unwrap_or_else(|| SocketAddr::from(([127, 0, 0, 1], 1_502)))
+        listen.unwrap_or(LISTEN)
     }
 }

@@ -12,7 +12,7 @@ use std::net::SocketAddr;
 /// Where it listens; none if that is not an address.
 pub(super) fn listen(settings: &Keys) -> Option<SocketAddr> {
     let text = settings.get("listen").and_then(|value| value.as_str());
-    text.unwrap_or(LISTEN).parse().ok()
+    text.map_or(Some(LISTEN), |text| text.parse().ok())
 }
 
 /// What is wrong with its settings beyond their shapes.
