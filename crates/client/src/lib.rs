@@ -13,7 +13,7 @@ use hyper::Method;
 use railbus_api::control::{
     BatchAnswer, GroupInfo, GroupRequest, Groups, SceneInfo, SceneRequest, Scenes,
 };
-use railbus_api::outlets::{OutletInfo, OutletList};
+use railbus_api::outlets::{OutletInfo, OutletList, OutletMap};
 use railbus_api::past::{HistoryInfo, VerifiedInfo};
 use railbus_api::problem::{Problem, ProblemType, codes};
 use railbus_api::sending::{SendAnswer, SendRequest};
@@ -236,6 +236,18 @@ impl DaemonClient {
     pub async fn outlets(&self) -> Result<Vec<OutletInfo>, Problem> {
         let list: OutletList = self.get("/api/v1/outlets").await?;
         Ok(list.outlets)
+    }
+
+    /// Where each point stands at the other side of an integration, in this language.
+    pub async fn outlet_map(
+        &self,
+        kind: &str,
+        outlet: &str,
+        lang: Lang,
+    ) -> Result<OutletMap, Problem> {
+        let (kind, outlet) = (encoded(kind), encoded(outlet));
+        let path = format!("/api/v1/outlets/{kind}/{outlet}/map?lang={}", lang.name());
+        self.get(&path).await
     }
 
     /// The selected points, all by default; `fresh` ones are read first.

@@ -5,7 +5,7 @@ use crate::commands::{
     audit, bench, complete, completions, config, doctor, explain, export, extcap,
 };
 use crate::commands::{
-    decode, get, global_flags, help, history, ls, man, pulse, raw, replay, scan,
+    decode, get, global_flags, help, history, ls, man, outlet, pulse, raw, replay, scan,
 };
 use crate::commands::{scene, schema, serve, set, sim, sniff, token, user, version, wait, watch};
 use crate::texts::Text;
@@ -130,6 +130,11 @@ const VERBS: &[Verb] = &[
         name: serve::NAME,
         define: serve::define,
         run: serve::run,
+    },
+    Verb {
+        name: outlet::NAME,
+        define: outlet::define,
+        run: outlet::run,
     },
     Verb {
         name: user::NAME,

@@ -15,6 +15,7 @@ pub(crate) mod help;
 pub(crate) mod history;
 pub(crate) mod ls;
 pub(crate) mod man;
+pub(crate) mod outlet;
 pub(crate) mod pulse;
 pub(crate) mod raw;
 pub(crate) mod replay;

@@ -10,6 +10,7 @@ mod help;
 mod liar;
 mod line;
 mod measure;
+mod outlets;
 mod outputs;
 mod published;
 mod raw;

@@ -30,7 +30,7 @@ fn other(site: &Site) {
 }
 
 /// Commands that reach a line, a store or an account of a site.
-const REACHING: [&str; 20] = [
+const REACHING: [&str; 21] = [
     "ls",
     "ls points",
     "get pump",
@@ -45,6 +45,7 @@ const REACHING: [&str; 20] = [
     "audit verify",
     "user list",
     "token list",
+    "outlet list",
     "config show",
     "config set pump address=9 --yes",
     "config log",
