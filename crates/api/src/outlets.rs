@@ -87,6 +87,8 @@ pub enum OutletFieldType {
     Choices,
     /// A list of texts, as the hint says.
     Texts,
+    /// The name of a line.
+    Line,
     /// A list of lines; empty for all of them.
     Lines,
     /// A list of modules; empty for all of them.

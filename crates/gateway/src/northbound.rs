@@ -8,6 +8,7 @@
 
 mod kind;
 mod modbus;
+mod modbus_line;
 mod modbus_tcp;
 mod network;
 mod outlet;
@@ -38,6 +39,7 @@ use supervisor::OutletId;
 static NORTHBOUND: &[&OutletKind] = &[
     &webhook::KIND,
     &modbus_tcp::KIND,
+    &modbus_line::KIND,
     #[cfg(test)]
     &textline::KIND,
 ];

@@ -34,8 +34,11 @@ use crate::{CommandError, Config, Rights};
 use alarm::Alarm;
 use entries::Waits;
 use once::Once;
+use railbus_commission::Risk;
 use railbus_device::{Module, SetupError};
-use railbus_host::{Line, LineName, LineOptions, NameError, PortError, Probe, ProbeResult, Tap};
+use railbus_host::{
+    Fault, Line, LineName, LineOptions, NameError, PortError, Probe, ProbeResult, Tap,
+};
 use railbus_store::audit::{Audit, Entry, Origin};
 use railbus_wire::{Exchange, Instant, Micros, REPLY_TIMEOUT, SerialSettings};
 use record::Journal;
@@ -335,6 +338,26 @@ impl Service {
         terms: RawTerms,
     ) -> Result<ProbeResult, CommandError> {
         self.may_send(line, &exchange)?;
+        let (handle, probe) = self.probe_of(line, exchange, terms)?;
+        Ok(handle.probe(probe).await?)
+    }
+
+    /// Sends a raw read of a master that is not part of this program, between the line's own
+    /// exchanges. It reads, so it needs no rights; which lines such masters may read is for the
+    /// configuration to say.
+    ///
+    /// # Errors
+    /// [`Fault::Unsupported`] if it may change something; [`CommandError::NoSuchLine`],
+    /// [`CommandError::Lent`], or what the line reported.
+    pub async fn read_for_master(
+        &self,
+        line: &str,
+        exchange: Exchange<'static>,
+        terms: RawTerms,
+    ) -> Result<ProbeResult, CommandError> {
+        if Risk::of(&exchange) != Risk::Read {
+            return Err(Fault::Unsupported.into());
+        }
         let (handle, probe) = self.probe_of(line, exchange, terms)?;
         Ok(handle.probe(probe).await?)
     }

@@ -132,6 +132,8 @@ pub(crate) enum Shape {
     Choices(&'static [(&'static str, Pair)]),
     /// A list of texts; the kind says what they can be ([`OutletKind::check`]).
     Texts,
+    /// The name of a line of the site.
+    Line,
     /// Names of lines of the site; empty for all of them.
     Lines,
     /// Names of modules of the site; empty for all of them.

@@ -44,10 +44,6 @@ pub(crate) struct Outlet {
 /// Its settings by their keys, as its fields say.
 impl Outlet {
     /// A text among its settings; empty where it is left out.
-    #[cfg_attr(
-        not(test),
-        expect(dead_code, reason = "only the kind of the tests has such a setting")
-    )]
     pub(crate) fn text(&self, key: &str) -> String {
         let value = self.setting(key);
         value.as_str().unwrap_or_default().to_owned()

@@ -178,6 +178,7 @@ fn about_field(field: &Field) -> OutletField {
             OutletFieldType::Choices
         }
         Shape::Texts => OutletFieldType::Texts,
+        Shape::Line => OutletFieldType::Line,
         Shape::Lines => OutletFieldType::Lines,
         Shape::Modules => OutletFieldType::Modules,
         Shape::Points => OutletFieldType::Points,

@@ -112,6 +112,10 @@ fn why(field: &Field, value: &Value, config: &Config) -> Option<Invalid> {
                 Invalid::BadText(TEXT_MAX),
             )
         }),
+        Shape::Line => match text {
+            Some(name) => fits(config.lines.contains_key(name), Invalid::NoSuchLine),
+            None => Some(Invalid::WrongType("text in quotes")),
+        },
         Shape::Lines => each(value, |name| {
             fits(config.lines.contains_key(name), Invalid::NoSuchLine)
         }),

@@ -274,6 +274,9 @@ fn what_is_wrong_with_settings_is_told_with_its_place() {
     );
     let empty = "[outlet.x]\ntype = \"textline\"\nhost = \"\"\n";
     assert_eq!(told(empty), [(3, 1, path("host"), "E0872")]);
+    assert_eq!(told(&outlet("x", at, "line = \"main\"")), []);
+    let elsewhere = outlet("x", at, "line = \"mian\"");
+    assert_eq!(told(&elsewhere), [(5, 1, path("line"), "E0820")]);
 }
 
 /// A kind is its folder and its line: what it is called stands in no other file of the gateway.

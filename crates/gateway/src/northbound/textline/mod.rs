@@ -15,6 +15,7 @@ pub(super) static KIND: OutletKind = OutletKind::new(
     &[
         Field::new("host", ["Host", "主机"], Shape::Text(256)).required(),
         Field::new("port", ["Port", "端口"], Shape::Number(1, 65_535, 4_000)),
+        Field::new("line", ["Line", "总线"], Shape::Line),
         Field::new("quiet", ["No readings", "不发读数"], Shape::Flag),
         Field::new("write", ["May switch", "允许操作的输出"], Shape::Points),
     ],
