@@ -495,6 +495,34 @@ two masters at once: {pymodbus,libmodbus,pipelined}
 two masters at once: {simulator,API,mbpoll} agree
 """
 
+# The daemon's Modbus gateway to a line -------------------------------------------------------
+
+MODBUS_LINE = """
+{oven,tank,door} by {pymodbus,libmodbus,mbpoll}: as in the API
+{oven,tank,door} by {pymodbus,libmodbus,mbpoll}: switched and read back
+settings by {pymodbus,libmodbus,mbpoll}: read
+a module that is not configured by {pymodbus,libmodbus,mbpoll}: read
+the module's own exceptions by {pymodbus,libmodbus,mbpoll}
+without `write` by {pymodbus,libmodbus,mbpoll}: 01, nothing moves
+rights: an output in `write`
+rights: an output that is not in `write`: 01
+rules: an output that is locked: 01
+rules: an output that is interlocked: 04
+a register of settings: 01
+a coil that is no known output: 01
+all modules at once: 01
+a function that is not known: 01
+no address of a module: 0A
+a dead unit: {0B,others answer in time,back}
+a killed line: {0A,back}
+many requests in one piece
+too many that wait: 06
+a read behind a write shows it
+equal reads at once are one
+connections: {eight work,the ninth is closed}
+closed: no Modbus
+"""
+
 TABLES = {
     "ERC-8": ERC8,
     "ERC-8 switches": ERC8_SWITCHES,
@@ -511,6 +539,7 @@ TABLES = {
     "0x55 boards": R55,
     "demo line": DEMO,
     "Modbus TCP": MODBUS_TCP,
+    "Modbus gateway to a line": MODBUS_LINE,
 }
 
 
