@@ -127,7 +127,8 @@ class Site:
 
     def outputs(self, module):
         """The outputs of a module as the API has them."""
-        found = [p for p in self.points().values() if (p["module"], p["kind"]) == (module, "output")]
+        points = self.points().values()
+        found = [p for p in points if (p["module"], p["kind"]) == (module, "output")]
         return [int(p["value"]) for p in sorted(found, key=lambda p: p["index"])]
 
     def check(self, entries, got, want, what=""):
