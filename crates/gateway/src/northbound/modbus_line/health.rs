@@ -3,7 +3,11 @@
 //! A unit that does not answer costs all others its timeout. So from its second silence on it is
 //! asked only now and then, and its requests get the same answer meanwhile. The units that don't
 //! answer have a fortieth of the time together, as long as there are few: each is asked every ten
-//! seconds at least. One is asked at once when the site has heard it again.
+//! seconds at least.
+//!
+//! A module that the site polls and does not hear is hardly asked at all: the line asks it already,
+//! and a read of it would have to wait until no reply to that can come, and all others behind it.
+//! It is asked at once when the site has heard it again.
 
 use railbus_wire::{Micros, REPLY_TIMEOUT};
 use std::collections::BTreeMap;
@@ -19,6 +23,8 @@ const LATE: Duration = Duration::from_millis(500);
 const SHARE: u32 = 40;
 /// But one that masters ask for is asked as often as this.
 const PAUSE_MAX: Duration = Duration::from_secs(10);
+/// The same for one that the site does not hear: perhaps it is not polled.
+const LOST_PAUSE: Duration = Duration::from_secs(60);
 /// After so many silences in a row the requests of a unit wait no more for its next turn.
 const SILENT: u32 = 2;
 
@@ -33,7 +39,7 @@ struct Unit {
     from: Duration,
     /// When a master last asked for it.
     wanted: Duration,
-    /// The site does not hear it either.
+    /// The site does not hear it.
     is_lost: bool,
 }
 
@@ -55,27 +61,26 @@ pub(super) enum Turn {
 }
 
 impl Health {
-    /// Whether a unit may be asked now. `is_online` is what the site knows of it, if it knows it.
-    pub(super) fn turn(
-        &mut self,
-        now: Duration,
-        unit: u8,
-        is_online: impl FnOnce() -> Option<bool>,
-    ) -> Turn {
-        let Some(known) = self.units.get_mut(&unit).filter(|known| known.misses > 0) else {
+    /// Whether a unit may be asked now. `is_online` is what the site knows of it, if it does.
+    pub(super) fn turn(&mut self, now: Duration, unit: u8, is_online: Option<bool>) -> Turn {
+        if is_online == Some(false) {
+            self.units.entry(unit).or_default();
+        }
+        let Some(known) = self.units.get_mut(&unit) else {
             return Turn::Now;
         };
         known.wanted = now;
-        match is_online() {
-            Some(false) => known.is_lost = true,
-            // It was lost, and is back.
-            Some(true) if known.is_lost => {
-                (known.misses, known.is_lost) = (0, false);
-                return Turn::Now;
+        match (is_online, known.is_lost) {
+            (Some(false), false) => {
+                (known.is_lost, known.misses) = (true, known.misses.max(SILENT));
+                known.from = now + LOST_PAUSE;
             }
-            _ => {}
+            (Some(false), true) => {}
+            // It is back, or its line has gone, which the line will say.
+            (_, true) => (known.is_lost, known.misses) = (false, 0),
+            (_, false) => {}
         }
-        match known.from <= now {
+        match known.misses == 0 || known.from <= now {
             true => Turn::Now,
             false if known.misses < SILENT => Turn::From(known.from),
             false => Turn::Silent,
@@ -116,7 +121,7 @@ impl Health {
         let count = silent.filter(is_wanted).count().max(1) as u32;
         let pause = (cost * SHARE * count).min(PAUSE_MAX);
         if let Some(known) = self.units.get_mut(&unit) {
-            known.from = now + pause;
+            known.from = now + if known.is_lost { LOST_PAUSE } else { pause };
         }
     }
 
@@ -156,12 +161,12 @@ mod tests {
         let mut health = Health::default();
         health.answered(3, Micros::from_millis(5));
         health.missed(at(100), 3);
-        assert_eq!(health.turn(at(100), 3, || None), Turn::From(at(600)));
-        assert_eq!(health.turn(at(600), 3, || None), Turn::Now);
+        assert_eq!(health.turn(at(100), 3, None), Turn::From(at(600)));
+        assert_eq!(health.turn(at(600), 3, None), Turn::Now);
         // Asked as soon as it may be, for a minute.
         let (mut now, mut spent) = (600, 0);
         while now < 60_000 {
-            match health.turn(at(now), 3, || None) {
+            match health.turn(at(now), 3, None) {
                 Turn::Now => {
                     (now, spent) = (now + 98, spent + 98);
                     health.missed(at(now), 3);
@@ -171,7 +176,7 @@ mod tests {
             }
         }
         assert!((1_000..=1_700).contains(&spent), "{spent}");
-        assert_eq!(health.turn(at(now), 4, || None), Turn::Now, "another unit");
+        assert_eq!(health.turn(at(now), 4, None), Turn::Now, "another unit");
     }
 
     #[test]
@@ -182,7 +187,7 @@ mod tests {
             let (mut now, mut spent) = (0, 0);
             while now < 60_000 {
                 for (unit, asked) in asked.iter_mut().enumerate() {
-                    if health.turn(at(now), unit as u8, || None) == Turn::Now {
+                    if health.turn(at(now), unit as u8, None) == Turn::Now {
                         (now, spent) = (now + 98, spent + 98);
                         health.missed(at(now), unit as u8);
                         *asked += 1;
@@ -196,24 +201,33 @@ mod tests {
     }
 
     #[test]
-    fn a_unit_that_is_back_is_asked_at_once() {
+    fn what_the_site_does_not_hear_is_hardly_asked_until_it_is_back() {
+        let mut health = Health::default();
+        let lost = Some(false);
+        assert_eq!(health.turn(at(0), 3, Some(true)), Turn::Now);
+        assert_eq!(health.turn(at(100), 3, lost), Turn::Silent);
+        assert_eq!(health.turn(at(60_000), 3, lost), Turn::Silent);
+        assert_eq!(health.turn(at(60_100), 3, lost), Turn::Now);
+        health.missed(at(60_200), 3);
+        assert_eq!(health.turn(at(120_000), 3, lost), Turn::Silent);
+        assert_eq!(health.turn(at(120_001), 3, Some(true)), Turn::Now);
+        assert!(!health.is_silent(3));
+        assert_eq!(health.turn(at(121_000), 3, lost), Turn::Silent);
+        assert_eq!(
+            health.turn(at(121_000), 3, None),
+            Turn::Now,
+            "nothing is known"
+        );
+    }
+
+    #[test]
+    fn a_unit_that_answers_late_is_asked_at_once() {
         let mut health = Health::default();
         health.missed(at(0), 3);
         health.missed(at(600), 3);
-        assert!(health.is_silent(3));
-        let turn = |health: &mut Health, is_online| health.turn(at(700), 3, || Some(is_online));
-        // The site has not noticed yet.
-        assert_eq!(turn(&mut health, true), Turn::Silent);
-        assert_eq!(turn(&mut health, false), Turn::Silent);
-        assert_eq!(turn(&mut health, true), Turn::Now);
-        assert!(!health.is_silent(3));
-        health.missed(at(800), 3);
-        health.missed(at(1_400), 3);
+        // That the site hears it says nothing: it did so before.
+        assert_eq!(health.turn(at(700), 3, Some(true)), Turn::Silent);
         health.answered(3, Micros::from_millis(120));
-        assert_eq!(
-            health.turn(at(1_400), 3, || None),
-            Turn::Now,
-            "its reply was late"
-        );
+        assert_eq!(health.turn(at(700), 3, None), Turn::Now);
     }
 }

@@ -28,8 +28,8 @@ type RequestId = u64;
 pub(super) struct Site<'s> {
     /// The configuration in force.
     pub(super) config: &'s Arc<Config>,
-    /// Whether the site hears a module; it is asked only of units that did not answer.
-    pub(super) is_online: &'s dyn Fn(&str) -> bool,
+    /// Whether the site hears a module; none if it has not tried.
+    pub(super) is_online: &'s dyn Fn(&str) -> Option<bool>,
 }
 
 /// Something to do.
@@ -345,10 +345,8 @@ impl Passage {
         loop {
             let (mut best, mut silent): (Option<(u64, usize)>, Option<u8>) = (None, None);
             for (at, wanted) in self.waiting.iter().enumerate() {
-                let is_online = || {
-                    let module = verdict::module_at(site.config, &self.line, wanted.unit);
-                    module.map(|(name, _)| (site.is_online)(name))
-                };
+                let module = verdict::module_at(site.config, &self.line, wanted.unit);
+                let is_online = module.and_then(|(name, _)| (site.is_online)(name));
                 match self.health.turn(now, wanted.unit, is_online) {
                     Turn::Now => {
                         let served = |(asker, _): &(ClientId, RequestId)| {

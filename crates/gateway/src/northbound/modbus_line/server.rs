@@ -8,7 +8,7 @@ use super::verdict::{GATEWAY, module_at, of_failure};
 use crate::northbound::network::allowed;
 use crate::northbound::outlet::{Outlet, Report};
 use railbus_api::problem::{Problem, codes};
-use railbus_host::{Fault, Presence, Probed};
+use railbus_host::{Fault, LineState, Presence, Probed};
 use railbus_site::{CommandError, RawTerms, Service, WriteTerms};
 use railbus_wire::mbap::{self, Message};
 use railbus_wire::rtu::{Exception, Identification};
@@ -106,9 +106,18 @@ impl Shared {
     /// Changes the passage, and does what it says.
     fn drive(self: &Rc<Self>, change: impl FnOnce(&mut Passage, Duration, &Site<'_>)) {
         let config = self.service.config();
+        let line = self.service.line(&self.line);
+        let is_up = line.is_some_and(|line| line.state == LineState::Up);
         let is_online = |module: &str| {
+            if !is_up {
+                return None;
+            }
             let status = self.service.module(module);
-            status.is_some_and(|status| status.presence == Presence::Online)
+            match status?.presence {
+                Presence::Online => Some(true),
+                Presence::Silent => Some(false),
+                Presence::Unheard | Presence::OtherModel => None,
+            }
         };
         let site = Site {
             config: &config,

@@ -36,7 +36,7 @@ struct Stage {
     passage: Passage,
     config: Arc<Config>,
     now: Duration,
-    is_online: Cell<bool>,
+    is_online: Cell<Option<bool>>,
     transaction: u16,
 }
 
@@ -49,7 +49,7 @@ impl Stage {
             passage,
             config: Arc::new(Config::parse(SITE).unwrap()),
             now: Duration::ZERO,
-            is_online: Cell::new(true),
+            is_online: Cell::new(Some(true)),
             transaction: 0,
         }
     }
@@ -371,7 +371,6 @@ fn who_has_gone_is_not_asked_for() {
 #[test]
 fn a_dead_unit_costs_others_little() {
     let mut stage = Stage::new();
-    stage.is_online.set(false);
     stage.ask(A, 4, &COIL);
     stage.ask(B, 3, &COIL);
     let (mut dead, mut live, mut spent) = (0, 0, Duration::ZERO);
@@ -398,6 +397,17 @@ fn a_dead_unit_costs_others_little() {
     }
     assert!(dead > 1_000 && live > 10_000, "{dead} {live}");
     assert!(spent < Duration::from_secs(2), "{spent:?}");
+}
+
+/// A module that the site does not hear is not asked, though it never failed to answer here.
+#[test]
+fn a_module_that_is_not_heard_takes_no_time_of_the_line() {
+    let mut stage = Stage::new();
+    stage.is_online.set(Some(false));
+    assert_eq!(stage.at_once(3, &COIL), [0x81, 11]);
+    stage.is_online.set(Some(true));
+    stage.ask(A, 3, &COIL);
+    assert_eq!(stage.read().unit, 3);
 }
 
 /// A reply that was lost is not the end: the unit is asked again before its silence is told.
