@@ -314,10 +314,13 @@ class Hammer(threading.Thread):
 
 
 def took(s, entry, master):
-    """How long many reads of a module take that answers."""
+    """How long many reads of a module take that answers. A machine that does not get round to the
+    simulator makes it silent now and then."""
     began = time.monotonic()
-    for _ in range(READS):
-        s.check(entry, ask(master, 5, 3, 6, 2), [871, 123], "tank")
+    got = [ask(master, 5, 3, 6, 2) for _ in range(READS)]
+    others = [one for one in got if one not in ([871, 123], TARGET)]
+    s.check(entry, others, [], "tank")
+    s.check(entry, got.count(TARGET) <= READS // 10, True, f"{got.count(TARGET)} silences")
     return time.monotonic() - began
 
 
