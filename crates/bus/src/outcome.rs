@@ -23,6 +23,7 @@ impl Bus {
         }
         let op = flight.job.op();
         let refused = matches!(seen, Observation::Refused(_));
+        let is_claim = self.is_claim(module, flight, &seen);
         if let Some(state) = self.modules.get_mut(module.0) {
             if (state.published_presence() != Presence::Online || !state.is_settled())
                 && state.withholds(Reading {
@@ -37,13 +38,15 @@ impl Bus {
                     None
                 });
             }
-            state.module.learn(&seen);
+            if !is_claim {
+                state.module.learn(&seen);
+            }
             state.polled(&op, flight.asked);
             if state.pulse_question() == Some(op) {
                 state.answered_pulses();
             }
         }
-        if !matches!(seen, Observation::Done | Observation::Refused(_)) {
+        if !is_claim && !matches!(seen, Observation::Done | Observation::Refused(_)) {
             let (asked, heard) = (flight.asked, self.now);
             self.events.push(Event::Seen {
                 module,
@@ -75,6 +78,22 @@ impl Bus {
         } else if let Job::ReadBack { .. } = flight.job {
             self.miss_read_back(module);
         }
+    }
+
+    /// Whether the reply to a command names states that are read back next. A board names those
+    /// that it was told, also where a relay did not move: what is read counts.
+    fn is_claim(&self, module: ModuleId, flight: &InFlight, seen: &Observation) -> bool {
+        let Job::Command { op, .. } = flight.job else {
+            return false;
+        };
+        let state = self.modules.get(module.0);
+        let read_back = state.and_then(|state| state.module.read_back(&op));
+        let mut sent = self.commands.iter().filter(|command| {
+            command.module == module && command.stage == Stage::Sent && command.verify
+        });
+        matches!(seen, Observation::Channels { .. })
+            && read_back == Some(Op::ReadOutputs)
+            && sent.next().is_some()
     }
 
     /// The module answered a command.
