@@ -548,8 +548,10 @@ impl Bus {
         }
         let is_own = self.is_own(flight, in_order);
         self.take_late_replies();
-        // Two modules with the same address both answer a probe.
-        if self.rx.is_cautious() || matches!(flight.job, Job::Probe { .. }) {
+        // Two modules with the same address both answer a probe. At the address of a module that
+        // is polled that would have shown already.
+        let is_search = matches!(flight.job, Job::Probe { .. }) && !self.is_online(flight);
+        if self.rx.is_cautious() || is_search {
             let until = self.now + self.config.duplicate_window;
             let module = flight.job.module();
             let ghost = Ghost {
@@ -584,6 +586,17 @@ impl Bus {
             Outcome::Seen(seen) => self.learn(flight, seen),
         }
         self.end_if_left(flight);
+    }
+
+    /// Whether a request was for a module of the line that answers its polls.
+    fn is_online(&self, flight: &InFlight) -> bool {
+        self.modules.iter().any(|state| {
+            let setup = state.module.setup();
+            setup.address == flight.exchange.address()
+                && setup.protocol == flight.exchange.protocol()
+                && state.published_presence() == Presence::Online
+                && state.plan.enabled
+        })
     }
 
     /// Whether the reply just received may belong to a killed process that had the port before:
