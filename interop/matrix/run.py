@@ -32,6 +32,7 @@ HERE = pathlib.Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE), str(HERE.parent)]
 
 import commands
+import modbus
 from injector import Ascii, Lc02, Line, R55, Rtu, TcpPort, Unit
 
 ROOT = HERE.parent.parent
@@ -58,8 +59,9 @@ QUIET = 2.0
 OUTPUTS = {1: 0x25, 2: 0xDA}
 
 # `read` and `write` are what `railbus raw` is given to read unit 1, and to switch its second output
-# on.
-Column = collections.namedtuple("Column", "model protocol codec labels extra read write")
+# on. A column of what a Modbus TCP master is told has them, too, for its line.
+Column = collections.namedtuple("Column", "model protocol codec labels extra read write through",
+                                defaults=[False])
 
 
 def labels(prefix, first):
@@ -91,6 +93,9 @@ COLUMNS = {
                   ["--proto", "r55", "55011000000000"],
                   ["--proto", "r55", "55011200000002"]),
 }
+# The lines that a Modbus master could not use itself.
+COLUMNS |= {f"Modbus TCP, {name.split(',')[0]}": COLUMNS[name]._replace(through=True)
+            for name in ("ascii, EDA9060A", "r55")}
 
 
 def program():
@@ -168,20 +173,25 @@ class Case:
         path = pathlib.Path(self.folder.name)
         self.socket, self.config = path / "socket", path / "railbus.toml"
         self.line = Line(column.codec(checksum), str(path / "line"))
-        for address, outputs in OUTPUTS.items():
+        kind, all_outputs = (modbus.Watched, modbus.OUTPUTS) if column.through else (Unit, OUTPUTS)
+        for address, outputs in all_outputs.items():
             full = 0x0F if column.model == "eda9060a" else 0xFF
-            self.line.units[address] = Unit(outputs & full, 0x0F)
+            self.line.units[address] = kind(outputs & full, 0x0F)
         port = f"pty:{self.line.path}"
         if row.tcp:
             self.tcp = TcpPort(self.line.path)
             port = f"tcp:127.0.0.1:{self.tcp.number}"
+        age = f'max_age = "{modbus.MAX_AGE}s"' if column.through else ""
         modules = "".join(
             f'[module.{name}]\nline = "main"\nmodel = "{column.model}"\naddress = {address}\n'
             f'protocol = "{column.protocol}"\nchecksum = {str(checksum).lower()}\n'
-            f'poll = "{"200ms" if row.polls else "never"}"\n{column.extra}\n'
+            f'poll = "{"200ms" if row.polls or column.through else "never"}"\n{column.extra}\n'
+            f'{age}\n'
             for address, name in ((1, "a"), (2, "b"))
         )
-        self.config.write_text(f'[line.main]\nport = "{port}"\n{modules}')
+        self.port, self.watch = modbus.free_port(), None
+        outlet = modbus.settings(self.port) if column.through else ""
+        self.config.write_text(f'[line.main]\nport = "{port}"\n{modules}{outlet}')
         self.daemon = None
 
     def __enter__(self):
@@ -201,11 +211,21 @@ class Case:
             if self.daemon.poll() is not None or time.monotonic() > deadline:
                 raise RuntimeError(f"the daemon does not start: {self.journal()}")
             time.sleep(0.02)
+        if self.column.through:
+            self.watch = modbus.Watch(self)
+
+    def false(self):
+        """What a master was told meanwhile that was false."""
+        return self.watch.close() if self.watch else []
 
     def answers(self):
         """Whether the daemon listens. A socket left by one that was killed does not count."""
         try:
-            return self.ask("GET", "/lines")[0] == 200
+            if self.ask("GET", "/lines")[0] != 200:
+                return False
+            if self.column.through:
+                modbus.Master(self.port).close()
+            return True
         except OSError:
             return False
 
@@ -275,6 +295,8 @@ class Case:
 
     def getting(self, *addresses, fresh=True):
         """Starts a read of the outputs of these units, or of their cached values."""
+        if self.column.through:
+            return modbus.reading(self, *addresses)
         want = [self.truth(address) for address in addresses]
 
         def judge(done):
@@ -300,6 +322,8 @@ class Case:
 
     def putting(self, address):
         """Starts a command that switches on the first output that is off."""
+        if self.column.through:
+            return modbus.writing(self, address)
         unit = self.line.units[address]
         nth = min(nth for nth in range(4) if not unit.outputs >> nth & 1)
         path = f"{'ab'[address - 1]}.{self.column.labels[nth]}"
@@ -575,6 +599,16 @@ def s25(case):
     yield case.get(2)
 
 
+def s36(case):
+    """Unit 1 falls silent, and somebody switches it by hand: what was known of it is not true any
+    more, however soon that is noticed."""
+    yield case.get(1)
+    case.line.play(1, "dead", ("read", "write", "other"))
+    case.flip(1)
+    yield case.get(1)
+    yield case.get(2)
+
+
 def _both(fault, other=None):
     """One command without a daemon for both units."""
     def row(case):
@@ -691,6 +725,8 @@ ROWS = {
                "A reads 1, B: is it refused", RIGHT, SAFE,
                absent={name: "its units here show too little to be taken for their model"
                        for name in ("rtu", "lc02")}),
+    "S36": Row(s36, "unit 1 is dead, and is switched by hand; the units are polled",
+               "A reads 1 before, B reads 1 and C reads 2 after", RIGHT, SAFE, RIGHT, polls=True),
     "S2 raw": Row(commands.raw_late, "as S2; no daemon, and the first question is a `raw`",
                   "A and B read 1", SAFE, RIGHT, direct=True),
     "S5 raw": Row(commands.raw_echo, "as S5; no daemon, and the write is a `raw`",
@@ -727,6 +763,8 @@ def run_case(row_name, column_name):
                 if "false" in allowed and end.startswith("WRONG") and " told " in end:
                     end = f"false {end}"
                 ends.append(end)
+            if false := case.false():
+                ends[-1] = f"WRONG: a master was told: {false[0]}"
     except Exception as error:  # Whatever breaks a case off fails it, and only it.
         ends.append(f"WRONG: broke off, {type(error).__name__}: {error}")
     return ends, [*case.line.trace, *case.log]
@@ -735,35 +773,54 @@ def run_case(row_name, column_name):
 # The table ---------------------------------------------------------------------------------
 
 LETTERS = "ABCD"
+# The rows whose requests a Modbus master can make: the units are always polled there.
+THROUGH = {f"S{number}" for number in (*range(20), 21, 22, 24, 25, 36)}
+POLLED = {"S24", "S36"}
+NOT_ASKED = "nothing that a Modbus master asks"
 
 
 def absence(row_name, column_name):
     """Why a row is not applicable to a protocol, if it is not."""
-    return ROWS[row_name].absent.get(COLUMNS[column_name].protocol)
+    row, column = ROWS[row_name], COLUMNS[column_name]
+    if column.through and not row_name.split()[0] in THROUGH:
+        return NOT_ASKED
+    if column.through and (row.direct or row.polls != (row_name in POLLED)):
+        return NOT_ASKED
+    return row.absent.get(column.protocol)
 
 
-def is_allowed(row, ends):
+def allowed_ends(row, column):
+    """Which ends each request may have. Through Modbus TCP a read gets what is known: of a unit
+    that is silent that is right until it is too old."""
+    if not column.through:
+        return row.ends
+    is_read = [f"{letter} writes" not in row.asks for letter in LETTERS]
+    return [EITHER if allowed == SAFE and read else allowed
+            for allowed, read in zip(row.ends, is_read)]
+
+
+def is_allowed(ends, may_be):
     """Whether each request ended in one of its allowed ways."""
     words = [end.split()[0] for end in ends]
-    return len(words) == len(row.ends) and all(
-        word in allowed for word, allowed in zip(words, row.ends)
+    return len(words) == len(may_be) and all(
+        word in allowed for word, allowed in zip(words, may_be)
     )
 
 
-def cell(row, ends):
+def cell(ends, may_be):
     """The ends as the table shows them. If two are equally good, timing decides between them, and
     the table shows both."""
     words = []
-    for letter, end, allowed in zip(LETTERS, ends, row.ends):
+    for letter, end, allowed in zip(LETTERS, ends, may_be):
         word = end if end.startswith("WRONG") else end.split()[0]
         shown = must_be(allowed) if {word} < allowed else word
         words.append(f"{letter} {shown}")
     return ", ".join(words)
 
 
-def must(row):
+def must(may_be):
     """The cell of a row whose requests end as they must."""
-    ends = enumerate(row.ends)
+    ends = enumerate(may_be)
     return ", ".join(f"{LETTERS[nth]} {must_be(allowed)}" for nth, allowed in ends)
 
 
@@ -817,10 +874,10 @@ def cases(words):
 
 def judged(name, known):
     """Runs a case; returns whether it ended as it must, its cell and its trace."""
-    row = ROWS[name[0]]
+    may_be = allowed_ends(ROWS[name[0]], COLUMNS[name[1]])
     ends, trace = run_case(*name)
-    told = cell(row, ends)
-    return is_allowed(row, ends) and known in (None, told), told, trace
+    told = cell(ends, may_be)
+    return is_allowed(ends, may_be) and known in (None, told), told, trace
 
 
 def run(words, write=False, trace=False):
@@ -840,7 +897,7 @@ def run(words, write=False, trace=False):
         LOG.parent.mkdir(exist_ok=True)
         LOG.write_text("\n".join(said) + "\n", encoding="utf-8")
     if write:
-        cells = {name: told if good else must(ROWS[name[0]])
+        cells = {name: told if good else must(allowed_ends(ROWS[name[0]], COLUMNS[name[1]]))
                  for name, (good, told, _) in results.items()}
         TABLE.write_text(as_table(known | cells if words else cells), encoding="utf-8")
     return len(wanted) - len(failures), failures
