@@ -310,6 +310,18 @@ pub mod codes {
         PORT_NOT_ALLOWED = "E0924", 403;
         /// Also `name`: host and port.
         HOOK_TARGET = "E0925", 403;
+        /// Also `path`, `reason`.
+        OUTLET_TLS = "E0926", 500;
+        /// Also `client`, `reason`.
+        CLIENT_NO_CERT = "E0927", 403;
+        /// Also `client`, `reason`.
+        CLIENT_CERT = "E0928", 403;
+        /// Also `client`, `reason`.
+        CLIENT_NOT_TLS = "E0929", 403;
+        /// Also `client`, `reason`.
+        CLIENT_HANDSHAKE = "E0930", 403;
+        /// Also `client`, `reason`.
+        CLIENT_ROLE = "E0931", 403;
     }
 }
 

@@ -169,6 +169,14 @@ pub fn reason(lang: Lang, kind: &Invalid) -> String {
             "other machines could connect without a password: name those that may in \"allow\"",
             "其他机器无需密码即可连接：请在 \"allow\" 中写明允许哪些机器",
         ]),
+        Invalid::BadRole => fixed([
+            "write a role and the outputs that it may switch: \"operator=pump.*\"",
+            "应写角色和允许其操作的输出，如 \"operator=pump.*\"",
+        ]),
+        Invalid::RolesOnly => fixed([
+            "with TLS the role of a client says what it may switch: use \"roles\" instead",
+            "使用 TLS 时，客户端的角色决定其可操作的输出：请改用 \"roles\"",
+        ]),
         Invalid::NotAnInput => fixed([
             "this is no input; only inputs are moved from outside",
             "不是输入点；只能从外部改变输入",

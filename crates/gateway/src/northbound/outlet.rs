@@ -76,11 +76,21 @@ impl Outlet {
 impl Outlet {
     /// The site in the outlet's name for a client of it at this address: logs have both.
     pub(crate) fn service_for(&self, client: IpAddr) -> Service {
+        let rights = rights(&self.settings.borrow());
+        self.service_of(&client.to_string(), rights)
+    }
+
+    /// The same for a client that has shown who it is, as this text says besides its address, and
+    /// may switch these outputs; none for reading only.
+    pub(crate) fn service_as(&self, client: IpAddr, who: &str, points: &[String]) -> Service {
+        self.service_of(&format!("{client} {who}"), rights_to(points.to_vec()))
+    }
+
+    fn service_of(&self, client: &str, rights: Rights) -> Service {
         let origin = Origin {
             who: self.service.origin().who.clone(),
             via: format!("{} {client}", self.kind.name),
         };
-        let rights = rights(&self.settings.borrow());
         self.service.on_behalf_of(origin, rights)
     }
 
@@ -112,6 +122,11 @@ pub(super) fn rights(settings: &Keys) -> Rights {
         .flatten()
         .filter_map(|point| point.as_str().map(str::to_owned))
         .collect();
+    rights_to(points)
+}
+
+/// To read, and to switch these outputs.
+fn rights_to(points: Vec<String>) -> Rights {
     Rights {
         // Without points an operator could switch them all.
         role: match points.is_empty() {
@@ -154,6 +169,17 @@ impl Report {
             problem,
         };
         self.input(Input::Failed(self.run, error, retry));
+    }
+
+    /// A client was not served as it wanted: the last error, without an event, for the outlet goes
+    /// on. This many times by now.
+    pub(crate) fn noted(&self, problem: Problem, tries: u32) {
+        let error = OutletError {
+            at: rfc3339(Timestamp::now()),
+            tries,
+            problem,
+        };
+        self.input(Input::Noted(self.run, error));
     }
 
     fn input(&self, input: Input) {

@@ -78,6 +78,8 @@ pub(super) enum Input {
     Worked(RunId),
     /// What it did failed; it tries again by itself after this time, if at all.
     Failed(RunId, OutletError, Option<Duration>),
+    /// Something that it does not fail by.
+    Noted(RunId, OutletError),
     /// It ended, and why.
     Ended(RunId, Problem),
     /// The daemon stops.
@@ -253,6 +255,12 @@ impl Supervisor {
             Input::Ready(run) => self.ready(now, run),
             Input::Worked(run) => self.worked(now, run),
             Input::Failed(run, error, retry) => self.failed(now, run, error, retry),
+            Input::Noted(run, error) => self.with(run, |_, _, outlet| {
+                // What it fails by is to be seen as long as it does.
+                if !matches!(outlet.phase, Phase::Failing(..)) {
+                    outlet.error = Some(error);
+                }
+            }),
             Input::Ended(run, why) => self.ended(now, run, why),
             Input::Close => {
                 self.is_closing = true;

@@ -101,6 +101,10 @@ pub enum Invalid {
     UnitTaken(u8, [String; 2]),
     /// A server without a password that is open to other machines, and does not say which.
     Unguarded,
+    /// Not a role with the outputs that it may switch.
+    BadRole,
+    /// Outputs for clients without a role, where clients have roles.
+    RolesOnly,
     /// Another module on the same line has the same address in the same protocol.
     AddressTaken(String),
 }
@@ -144,6 +148,7 @@ impl Invalid {
             Invalid::BadUnit | Invalid::NeedsUnit(_) => "E0886",
             Invalid::UnitTaken(..) => "E0887",
             Invalid::Unguarded => "E0888",
+            Invalid::BadRole | Invalid::RolesOnly => "E0889",
             Invalid::NotAnInput => "E0893",
         }
     }

@@ -460,6 +460,12 @@ codes! {
         next: ["add allow = [\"192.168.1.0/24\"], or listen at 127.0.0.1 only",
             "加上 allow = [\"192.168.1.0/24\"]，或只监听 127.0.0.1"],
     }
+    ConfigRole = "E0889" {
+        title: ["the rights of clients are not valid", "客户端权限的配置不对"],
+        likely: ["a typing mistake in \"roles\" · \"write\" beside TLS",
+            "\"roles\" 输入错误 · 使用 TLS 时写了 \"write\""],
+        next: ["roles = [\"operator=pump.*\"]", "roles = [\"operator=pump.*\"]"],
+    }
     ConfigFault = "E0890" {
         title: ["unknown simulated fault", "未知的仿真故障"],
         likely: ["a typing mistake · a value is missing", "输入错误 · 缺少数值"],

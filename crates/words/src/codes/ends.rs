@@ -153,6 +153,49 @@ codes! {
         next: ["have the owner of the daemon add it to allow in [webhooks] of the file, and reload",
             "请守护进程的所有者将其加入配置文件 [webhooks] 的 allow，然后重新加载"],
     }
+    OutletTls = "E0926" {
+        title: ["certificate or key of the integration can't be used", "集成的证书或私钥不可用"],
+        likely: ["expired · key of another certificate · wrong file · no read permission · the \
+            clock is wrong",
+            "已过期 · 私钥与证书不匹配 · 文件不对 · 无读取权限 · 时钟不准"],
+        next: ["check the file with openssl x509 -noout -text -in FILE, and that the user of the \
+            daemon may read it",
+            "用 openssl x509 -noout -text -in 文件 查看，并确认守护进程的用户有读取权限"],
+    }
+    ClientNoCert = "E0927" {
+        title: ["a client without a certificate was refused", "已拒绝没有证书的客户端"],
+        likely: ["certificate and key are not set in the client", "客户端没有设置证书和私钥"],
+        next: ["give the client a certificate issued by client_ca", "为客户端配置由 client_ca 签发的证书"],
+    }
+    ClientCert = "E0928" {
+        title: ["the certificate of a client was not accepted", "客户端的证书未被接受"],
+        likely: ["issued by another authority than client_ca · expired · not for clients · the \
+            clock is wrong",
+            "不是由 client_ca 签发 · 已过期 · 不能用于客户端 · 时钟不准"],
+        next: ["check it with openssl verify -purpose sslclient -CAfile CA FILE",
+            "用 openssl verify -purpose sslclient -CAfile CA文件 证书文件 检查"],
+    }
+    ClientNotTls = "E0929" {
+        title: ["a client that does not speak TLS 1.2 or newer was refused",
+            "已拒绝不使用 TLS 1.2 及以上版本的客户端"],
+        likely: ["plain Modbus TCP on a port for TLS · an old client",
+            "在 TLS 端口上使用了不加密的 Modbus TCP · 客户端版本过旧"],
+        next: ["turn TLS on in the client", "在客户端启用 TLS"],
+    }
+    ClientHandshake = "E0930" {
+        title: ["the TLS handshake with a client failed", "与客户端的 TLS 握手失败"],
+        likely: ["the client does not trust this certificate, or expects another name in it",
+            "客户端不信任本机证书，或证书中的名称与其预期不符"],
+        next: ["give the client the authority of this certificate, and use a name in it",
+            "在客户端添加本机证书的签发机构，并使用证书中的名称"],
+    }
+    ClientRole = "E0931" {
+        title: ["the role in the certificate of a client can't be used: it only reads",
+            "客户端证书中的角色不可用，只允许读取"],
+        likely: ["there are two roles, or the role is not a UTF8String", "有两个角色，或角色不是 UTF8String"],
+        next: ["issue the certificate again, with 1.3.6.1.4.1.50316.802.1 = ASN1:UTF8String:ROLE",
+            "重新签发证书，并写入 1.3.6.1.4.1.50316.802.1 = ASN1:UTF8String:角色"],
+    }
     Differs = "E1001" {
         title: ["differences were found", "发现差异"],
         likely: ["the modules' settings are not as configured", "模块设置与期望不同"],

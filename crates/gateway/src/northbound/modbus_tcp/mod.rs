@@ -6,13 +6,20 @@
 //!
 //! - What it shares with other kinds that serve Modbus, as units and their answers: `modbus`.
 //! - Its settings: `settings`.
-//! - One connection, without I/O: `conn`. Sockets and limits: `server`.
+//! - One connection, without I/O: `conn`. Sockets and limits: `server`; with or without TLS:
+//!   `stream`.
+//! - Over TLS, who a client is and what it may switch: `security` and `roles`.
 
 mod conn;
+mod roles;
+#[cfg(test)]
+mod secured;
+mod security;
 #[cfg(test)]
 mod served;
 mod server;
 mod settings;
+mod stream;
 #[cfg(test)]
 mod tests;
 
@@ -84,12 +91,32 @@ const FIELDS: &[Field] = &[
     ]),
     Field::new("allow", ["Allowed clients", "允许连接的机器"], Shape::Texts).with_hint([
         "Addresses or networks such as 192.168.1.0/24, separated by commas. Required if other \
-         machines are to connect: Modbus TCP has no password",
-        "地址或网络（如 192.168.1.0/24），用逗号分隔。供其他机器访问时必填：Modbus TCP 没有密码",
+         machines are to connect without TLS: Modbus TCP has no password",
+        "地址或网络（如 192.168.1.0/24），用逗号分隔。供其他机器访问且未用 TLS 时必填：Modbus TCP 没有密码",
     ]),
     Field::new("write", ["Outputs that may be switched", "允许操作的输出"], Shape::Points).with_hint([
-        "Outputs such as oven.k1, oven or *; read only if left empty",
-        "输出，如 oven.k1、oven 或 *；留空则只读",
+        "Outputs such as oven.k1, oven or *; read only if left empty. With TLS, roles say it",
+        "输出，如 oven.k1、oven 或 *；留空则只读。使用 TLS 时由角色决定",
+    ]),
+    Field::new("tls_cert", ["TLS certificate", "TLS 证书"], Shape::Text(256)).with_hint([
+        "File with the certificate of this gateway and its chain, in PEM. With it, and the two \
+         files below, it speaks only TLS, usually on port 802. Files are read when it starts",
+        "本网关的证书及证书链文件（PEM）。与下面两个文件一起设置后只使用 TLS，常用端口为 802。文件在启动时读取",
+    ]),
+    Field::new("tls_key", ["TLS key", "TLS 私钥"], Shape::Text(256)).with_hint([
+        "File with the private key of the certificate, in PEM",
+        "证书的私钥文件（PEM）",
+    ]),
+    Field::new("client_ca", ["Authority of clients", "客户端证书的签发机构"], Shape::Text(256))
+        .with_hint([
+            "File with the certificates of the authorities that issue the clients' certificates; \
+             others can't connect",
+            "签发客户端证书的 CA 证书文件；没有此类证书的客户端无法连接",
+        ]),
+    Field::new("roles", ["Roles", "角色"], Shape::Texts).with_hint([
+        "What the role in a client's certificate may switch: operator=pump.*, operator=oven.k1. \
+         All others only read",
+        "客户端证书中的角色可操作的输出：operator=pump.*, operator=oven.k1。其他客户端只读",
     ]),
     Field::new("modules", ["Modules", "模块"], Shape::Modules),
     Field::new("units", ["Unit numbers", "单元号"], Shape::Texts).with_hint([

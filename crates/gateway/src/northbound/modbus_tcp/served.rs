@@ -6,7 +6,7 @@ use railbus_api::outlets::OutletState;
 use railbus_site::{Config, Service};
 use std::io::{Read as _, Write as _};
 use std::net::SocketAddr;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicUsize;
 use std::sync::atomic::Ordering::Relaxed;
@@ -23,30 +23,37 @@ const SITE: &str = "[line.main]\nport = \"/dev/ttyS99\"\n[module.oven]\nline = \
 /// not there.
 const READ: [u8; 12] = [0, 7, 0, 0, 0, 6, 3, 1, 0, 60, 0, 1];
 const REFUSED: [u8; 8] = [0, 7, 0, 0, 0, 3, 3, 0x81];
+/// Behind it in a site: settings of the outlet.
+pub(super) const MORE: &str = "# outlet\n";
 /// Long enough for the busiest machine; nothing is proven by it.
-const PATIENCE: Duration = Duration::from_secs(60);
+pub(super) const PATIENCE: Duration = Duration::from_secs(60);
 
 /// How many answers to others may come before one, where they are many: what two clients are
 /// answered in a few turns, and what they take while this thread waits for the processor.
 const TURN_MAX: usize = 50_000;
 
-struct Served {
-    folder: PathBuf,
-    service: Service,
-    northbound: Arc<Northbound>,
+pub(super) struct Served {
+    pub(super) folder: PathBuf,
+    pub(super) service: Service,
+    pub(super) northbound: Arc<Northbound>,
     at: SocketAddr,
     _changes: watch::Sender<u64>,
 }
 
 impl Served {
-    async fn start(name: &str) -> Served {
+    pub(super) async fn start(name: &str) -> Served {
+        Served::start_with(name, |_| SITE.to_owned()).await
+    }
+
+    /// The same with another site, and more settings at its end; it may have files in the folder.
+    pub(super) async fn start_with(name: &str, site: impl FnOnce(&Path) -> String) -> Served {
         let free = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let at = free.local_addr().unwrap();
         drop(free);
         let unique = format!("railbus-modbus-{}-{name}", std::process::id());
         let folder = std::env::temp_dir().join(unique);
         std::fs::create_dir_all(&folder).unwrap();
-        let text = format!("{SITE}{}", outlet(at));
+        let text = with_outlet(&site(&folder), at);
         let service = Service::start_in(Config::parse(&text).unwrap(), &folder).unwrap();
         let northbound = Northbound::new("here", &folder, &service);
         let changes = watch::Sender::new(0);
@@ -61,7 +68,7 @@ impl Served {
     }
 
     /// Waits until this is true of the outlet.
-    async fn until(&self, is_so: impl Fn(&Supervised) -> bool) {
+    pub(super) async fn until(&self, is_so: impl Fn(&Supervised) -> bool) {
         let id = OutletId {
             kind: super::KIND.name,
             name: "scada".to_owned(),
@@ -79,7 +86,7 @@ impl Served {
     }
 
     /// A connection, as soon as the server listens.
-    async fn connect(&self) -> TcpStream {
+    pub(super) async fn connect(&self) -> TcpStream {
         self.until(|outlet| outlet.state() == OutletState::Running)
             .await;
         TcpStream::connect(self.at).await.unwrap()
@@ -87,7 +94,7 @@ impl Served {
 
     /// Brings a configuration into force that nobody has checked, as where a module has moved.
     async fn reload(&self, text: &str) {
-        let text = format!("{text}{}", outlet(self.at));
+        let text = with_outlet(text, self.at);
         let done = self
             .service
             .reload_written(&text, async { Ok::<(), ()>(()) });
@@ -101,8 +108,10 @@ impl Drop for Served {
     }
 }
 
-fn outlet(at: SocketAddr) -> String {
-    format!("[outlet.scada]\ntype = \"modbus_tcp\"\nlisten = \"{at}\"\n")
+/// A site and the outlet; the settings of the outlet that stand behind the site are kept.
+fn with_outlet(site: &str, at: SocketAddr) -> String {
+    let (site, more) = site.split_once(MORE).unwrap_or((site, ""));
+    format!("{site}[outlet.scada]\ntype = \"modbus_tcp\"\nlisten = \"{at}\"\n{more}")
 }
 
 async fn read(stream: &mut TcpStream) -> [u8; 9] {

@@ -2,6 +2,8 @@
 
 use super::conn::{self, AskedWrite, ModbusConn};
 use super::not_listening;
+use super::security::Security;
+use super::stream::Answers;
 use crate::northbound::modbus::request::{GATEWAY, WriteEnd};
 use crate::northbound::modbus::site_units::SiteUnits;
 use crate::northbound::network;
@@ -11,14 +13,14 @@ use railbus_site::Service;
 use railbus_wire::Decoded;
 use railbus_wire::mbap::{self, Message};
 use railbus_wire::rtu::Identification;
+use std::cell::Cell;
 use std::collections::BTreeMap;
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::rc::Rc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
-use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
-use tokio::net::tcp::{OwnedReadHalf, OwnedWriteHalf};
+use tokio::io::{AsyncRead, AsyncReadExt as _, AsyncWriteExt as _, split};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::mpsc;
 use tokio::task::{Id, JoinSet, LocalSet, spawn_local, yield_now};
@@ -47,7 +49,18 @@ pub(super) async fn run(outlet: Outlet) -> Result<(), Problem> {
     local.run_until(serve(outlet)).await
 }
 
+/// What clients come through.
+struct Door {
+    outlet: Outlet,
+    units: Rc<SiteUnits>,
+    /// Without it they need not show who they are.
+    security: Option<Security>,
+    /// How many were not let in, or not with the role that they show.
+    turned_away: Cell<u32>,
+}
+
 async fn serve(outlet: Outlet) -> Result<(), Problem> {
+    let security = Security::open(&outlet.settings.borrow())?;
     let listen = outlet.listen();
     let failed = |error: io::Error| not_listening(listen, error);
     let listener = TcpListener::bind(listen).await.map_err(failed)?;
@@ -56,6 +69,13 @@ async fn serve(outlet: Outlet) -> Result<(), Problem> {
     tokio::pin!(stopped);
     let (units, mut syncs) = SiteUnits::new(&outlet);
     let units = Rc::new(units);
+    let door = Rc::new(Door {
+        outlet,
+        units: Rc::clone(&units),
+        security,
+        turned_away: Cell::new(0),
+    });
+    let outlet = &door.outlet;
     let mut clients = JoinSet::new();
     let mut addresses: BTreeMap<Id, IpAddr> = BTreeMap::new();
     let mut accepts_at = Instant::now();
@@ -94,8 +114,7 @@ async fn serve(outlet: Outlet) -> Result<(), Problem> {
                     let may = is_here || allowed.iter().any(|net| net.contains(from));
                     let here = addresses.values().filter(|address| **address == from);
                     if may && clients.len() < CLIENTS_MAX && here.count() < PER_ADDRESS_MAX {
-                        let service = outlet.service_for(from);
-                        let client = client(Rc::clone(&units), service, stream);
+                        let client = admit(Rc::clone(&door), from, stream);
                         let id = clients.spawn_local(client).id();
                         addresses.insert(id, from);
                     } else {
@@ -110,16 +129,52 @@ async fn serve(outlet: Outlet) -> Result<(), Problem> {
     }
 }
 
-/// Serves one client until it goes, or is to go.
-async fn client(units: Rc<SiteUnits>, service: Service, stream: TcpStream) {
+/// Serves one client as what it is, until it goes, or is to go.
+async fn admit(door: Rc<Door>, from: IpAddr, stream: TcpStream) {
     // Only makes answers later.
     let _ = stream.set_nodelay(true);
+    let units = Rc::clone(&door.units);
+    let Some(security) = &door.security else {
+        let service = door.outlet.service_for(from);
+        return client(units, service, stream.into_split()).await;
+    };
+    match security.admit(stream, from).await {
+        Ok((stream, peer)) => {
+            let service = door.outlet.service_as(from, &peer.who, &peer.points);
+            if let Some(flaw) = peer.flaw {
+                door.note(flaw);
+            }
+            client(units, service, split(stream)).await;
+        }
+        Err(why) => {
+            if let Some(why) = why {
+                door.outlet.report.counts().dropped.fetch_add(1, Relaxed);
+                door.note(why);
+            }
+        }
+    }
+}
+
+impl Door {
+    /// The last one who was turned away is to be seen. There is no event: anybody could make many.
+    fn note(&self, why: Problem) {
+        let count = self.turned_away.get().saturating_add(1);
+        self.turned_away.set(count);
+        self.outlet.report.noted(why, count);
+    }
+}
+
+/// Serves one client until it goes, or is to go.
+async fn client<R: AsyncRead + Unpin, W: Answers>(
+    units: Rc<SiteUnits>,
+    service: Service,
+    (from, to): (R, W),
+) {
     if units.are_all() {
         units.report.worked();
     }
     // No more can be under way than wait.
     let (ended, ends) = mpsc::channel(conn::WAITING_MAX);
-    let (from, to) = stream.into_split();
     let mut client = Client {
         units,
         service,
@@ -133,14 +188,15 @@ async fn client(units: Rc<SiteUnits>, service: Service, stream: TcpStream) {
     };
     // It is closed for whatever reason.
     let _ = client.serve().await;
+    client.to.close();
 }
 
-struct Client {
+struct Client<R, W> {
     units: Rc<SiteUnits>,
     /// The site, in the name of this client.
     service: Service,
-    from: OwnedReadHalf,
-    to: OwnedWriteHalf,
+    from: R,
+    to: W,
     conn: ModbusConn,
     /// Writes that have ended. They go on where the client has gone.
     ended: mpsc::Sender<(AskedWrite, WriteEnd)>,
@@ -151,7 +207,7 @@ struct Client {
     unsent: Option<Instant>,
 }
 
-impl Client {
+impl<R: AsyncRead + Unpin, W: Answers> Client<R, W> {
     /// An error where it is to be closed.
     async fn serve(&mut self) -> io::Result<()> {
         let until = sleep_until(self.closes_at());
@@ -260,6 +316,13 @@ impl Client {
                 Err(error) => return Err(error),
             }
         }
+        match (self.to.is_sent()?, self.conn.out.is_empty()) {
+            (false, _) => {
+                self.unsent.get_or_insert_with(Instant::now);
+            }
+            (true, true) => self.unsent = None,
+            (true, false) => {}
+        }
         if was_full && self.conn.out.len() <= UNREAD_MAX {
             // It is read again from now on.
             self.heard = Instant::now();
@@ -268,8 +331,10 @@ impl Client {
     }
 }
 
-/// Asks the gateway what it is, as any client does.
+/// Asks the gateway what it is, as any client does. Over TLS it would need the certificate of a
+/// client: then it only connects, and tells until when certificates are valid.
 pub(super) async fn test(outlet: Outlet) -> Result<String, Problem> {
+    let security = Security::open(&outlet.settings.borrow())?;
     let mut listen = outlet.listen();
     if listen.ip().is_unspecified() {
         listen.set_ip(match listen {
@@ -277,7 +342,17 @@ pub(super) async fn test(outlet: Outlet) -> Result<String, Problem> {
             SocketAddr::V6(_) => Ipv6Addr::LOCALHOST.into(),
         });
     }
-    let said = timeout(TEST_MAX, identified(listen)).await;
+    let said = timeout(TEST_MAX, async {
+        match &security {
+            None => identified(listen).await,
+            Some(security) => {
+                // Leaves without a word, which nobody counts.
+                TcpStream::connect(listen).await?;
+                Ok(security.told().to_owned())
+            }
+        }
+    });
+    let said = said.await;
     let said = said.unwrap_or_else(|_| Err(io::ErrorKind::TimedOut.into()));
     said.map_err(|error| not_listening(listen, error))
 }

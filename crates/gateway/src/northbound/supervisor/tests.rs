@@ -279,3 +279,27 @@ fn at_the_end_all_are_stopped_and_none_is_started() {
     assert_eq!(stage.said(), NOTHING);
     assert_eq!(RESTARTED.table, TABLE);
 }
+
+/// A client that was turned away is told of without an event, unless there is something worse.
+#[test]
+fn what_is_noted_changes_nothing_but_the_last_error() {
+    let mut stage = Stage::new();
+    let x = id(&RESTARTED, "x");
+    stage.config(&[(&RESTARTED, "x", 1)]);
+    stage.input(Input::Ready(RunId(1)));
+    let noted = || Input::Noted(RunId(1), error("E3"));
+    let code = |stage: &Stage| {
+        let found = stage.supervisor.find(&x).unwrap();
+        found.error().map(|error| error.problem.code.clone())
+    };
+    for _ in 0..5 {
+        assert_eq!(stage.input(noted()), NOTHING);
+    }
+    assert_eq!(stage.state(&x), OutletState::Running);
+    assert_eq!(code(&stage).as_deref(), Some("E3"));
+    let wait = Some(Duration::from_secs(4));
+    stage.input(Input::Failed(RunId(1), error("E2"), wait));
+    stage.input(noted());
+    assert_eq!(stage.state(&x), OutletState::Waiting);
+    assert_eq!(code(&stage).as_deref(), Some("E2"));
+}
