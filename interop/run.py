@@ -18,7 +18,10 @@ import tables
 
 # What must be installed: how to check, and the command that installs it.
 PYTHON = ("pymodbus", "serial")
-PROGRAMS = ("gcc", "pkg-config", "mbpoll", "socat")
+PROGRAMS = {
+    "gcc": "gcc", "pkg-config": "pkg-config", "mbpoll": "mbpoll", "socat": "socat",
+    "mosquitto": "mosquitto", "mosquitto_sub": "mosquitto-clients", "openssl": "openssl",
+}
 
 # Suites in parallel: they mostly wait for a line that is as slow as a real one.
 WORKERS = 12
@@ -31,7 +34,9 @@ def missing():
     lines = []
     if not all(importlib.util.find_spec(name) for name in PYTHON):
         lines.append(f"{sys.executable} -m pip install 'pymodbus==3.*' pyserial")
-    packages = [name for name in PROGRAMS if not shutil.which(name)]
+    # Debian has servers where only root looks for them.
+    path = os.pathsep.join([os.environ.get("PATH", ""), "/usr/sbin"])
+    packages = [name for program, name in PROGRAMS.items() if not shutil.which(program, path=path)]
     has_libmodbus = "pkg-config" not in packages and not subprocess.run(
         ["pkg-config", "--exists", "libmodbus"], check=False
     ).returncode
@@ -73,8 +78,9 @@ def daemons(words):
     not get round to for a silent one: not together with all the others."""
     import modbus_line_suite
     import modbus_tcp_suite
+    import mqtt_suite
 
-    return chosen((modbus_tcp_suite, modbus_line_suite), words)
+    return chosen((modbus_tcp_suite, modbus_line_suite, mqtt_suite), words)
 
 
 def alone(words):

@@ -523,6 +523,39 @@ connections: {eight work,the ninth is closed}
 closed: no Modbus
 """
 
+# The daemon's MQTT client, with mosquitto -----------------------------------------------------
+
+MQTT = """
+{5,3.1.1,5 with TLS,3.1.1 with TLS}: every topic
+{5,3.1.1,5 with TLS,3.1.1 with TLS}: switched and read back
+{5,3.1.1,5 with TLS,3.1.1 with TLS}: a pulse
+{5,3.1.1,5 with TLS,3.1.1 with TLS}: JSON
+{5,3.1.1,5 with TLS,3.1.1 with TLS}: once under an id
+{5,3.1.1,5 with TLS,3.1.1 with TLS}: an interlock
+{5,3.1.1,5 with TLS,3.1.1 with TLS}: a group and a scene
+{5,3.1.1,5 with TLS,3.1.1 with TLS}: bad payloads switch nothing
+{5,3.1.1,5 with TLS,3.1.1 with TLS}: a retained command
+{5,3.1.1,5 with TLS,3.1.1 with TLS}: rights
+{5,5 with TLS}: an answer to who asked
+{5,5 with TLS}: an expiry
+on connect: info, states, and `online` last
+a dead module: None and offline, never ON
+a dead module: {the others go on,back again}
+another name: nothing is left
+kill -9: offline within 10 s
+SIGSTOP: offline within 10 s
+a broker with an empty store
+a removed outlet leaves nothing
+auto: 3.1.1 where 5 is refused
+version 5 only
+the test says what the broker is
+a certificate of one's own
+why not: {no broker,a wrong authority,a certificate for another name,TLS where there is none}
+why not: {no TLS where it is wanted,no certificate of one's own,a wrong user,a wrong password}
+why not: a file that is not there
+the password is never shown
+"""
+
 TABLES = {
     "ERC-8": ERC8,
     "ERC-8 switches": ERC8_SWITCHES,
@@ -540,6 +573,7 @@ TABLES = {
     "demo line": DEMO,
     "Modbus TCP": MODBUS_TCP,
     "Modbus gateway to a line": MODBUS_LINE,
+    "MQTT": MQTT,
 }
 
 

@@ -24,6 +24,9 @@ const DEBIAN: &[Packages] = &[
             "gcc",             // compiles the small libmodbus peers
             "libmodbus-dev",   // foreign Modbus master and slave in C
             "mbpoll",          // foreign Modbus master, command line
+            "mosquitto",       // foreign MQTT broker
+            "mosquitto-clients", // and its clients
+            "openssl",         // certificates of that broker
             "pkg-config",      // finds libmodbus
             "python3-venv",    // holds the Python peers below
             "qemu-system-arm", // runs the firmware

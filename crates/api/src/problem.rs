@@ -248,6 +248,18 @@ pub mod codes {
         UNIT_TAKEN = "E0887", 409;
         /// Also `listen`, `reason`.
         OUTLET_LISTEN = "E0895", 502;
+        /// Also `path`, `reason`.
+        BROKER_FILE = "E0856", 500;
+        /// Also `broker`: host and port, `topic`, `reason`.
+        BROKER_TOPIC = "E0932", 403;
+        /// Also `broker`, `reason`.
+        BROKER_UNREACHED = "E0896", 502;
+        /// Also `broker`, `reason`.
+        BROKER_TLS = "E0897", 502;
+        /// Also `broker`, `reason`.
+        BROKER_LOGIN = "E0898", 502;
+        /// Also `broker`, `reason`.
+        BROKER_REFUSED = "E0899", 502;
         /// Also `name`.
         NO_SUCH_HOOK = "E0877", 404;
         /// Also `reason`: the status received.

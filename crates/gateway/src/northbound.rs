@@ -11,6 +11,7 @@ mod modbus;
 mod modbus_line;
 mod modbus_tcp;
 mod network;
+mod mqtt;
 mod outlet;
 pub(super) mod routes;
 mod run;
@@ -40,6 +41,7 @@ static NORTHBOUND: &[&OutletKind] = &[
     &webhook::KIND,
     &modbus_tcp::KIND,
     &modbus_line::KIND,
+    &mqtt::KIND,
     #[cfg(test)]
     &textline::KIND,
 ];

@@ -143,6 +143,10 @@ pub fn reason(lang: Lang, kind: &Invalid) -> String {
             "write a network such as 192.168.1.0/24, or an address",
             "应写网络（如 192.168.1.0/24）或地址",
         ]),
+        Invalid::BadTopic => fixed([
+            "write a word without spaces, +, # and $; levels of a prefix are divided by /",
+            "应写不含空格、+、# 和 $ 的词；前缀的各级用 / 分隔",
+        ]),
         Invalid::BadUnit => fixed([
             "write a module and its unit, 1 to 247: \"pump=4\"",
             "应写模块名称和单元号（1 至 247），如 \"pump=4\"",

@@ -22,6 +22,18 @@ pub(crate) const TABLE: &str = "outlet";
 /// The key of every outlet that says whether it runs; it does if it is left out.
 pub(crate) const ENABLED: &str = "enabled";
 
+/// The kinds of events, for outlets that tell some of them.
+pub(crate) const EVENTS: &[(&str, Pair)] = &[
+    ("write", ["Switching", "操作"]),
+    ("module", ["Modules", "模块"]),
+    ("line", ["Lines", "总线"]),
+    ("config", ["Configuration", "配置"]),
+    ("login", ["Users and signing in", "用户与登录"]),
+    ("alarm", ["Alarms", "报警"]),
+    ("rule", ["Rules", "规则"]),
+    ("system", ["Program", "程序"]),
+];
+
 /// A kind of outlet.
 pub(crate) struct OutletKind {
     /// As the configuration and the API have it: `a-z`, `0-9` and `_`.

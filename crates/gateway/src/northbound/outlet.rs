@@ -16,6 +16,7 @@ use railbus_words::time::rfc3339;
 use serde_json::Value;
 use std::net::IpAddr;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Weak};
 use std::time::Duration;
 use tokio::runtime::Builder;
@@ -38,6 +39,8 @@ pub(crate) struct Outlet {
     pub(crate) report: Report,
     pub(super) kind: &'static OutletKind,
     pub(super) secrets: Arc<Secrets>,
+    /// The folder of what is kept.
+    pub(super) folder: Arc<Path>,
     pub(super) stop: watch::Receiver<bool>,
 }
 
@@ -97,6 +100,12 @@ impl Outlet {
     /// Its secret, as it is now.
     pub(crate) fn secret(&self) -> Option<Arc<Secret>> {
         self.secrets.of(self.kind, &self.name)
+    }
+
+    /// A file of its own in the state folder.
+    pub(crate) fn kept(&self) -> PathBuf {
+        let name = format!("{}-{}.json", self.kind.name, self.name);
+        self.folder.join(name)
     }
 
     /// Resolves when it must end. It then has [`super::supervisor::STOP_MAX`].

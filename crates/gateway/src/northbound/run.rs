@@ -34,6 +34,8 @@ pub(crate) struct Northbound {
     site: Arc<str>,
     service: Service,
     pub(super) secrets: Arc<Secrets>,
+    /// The state folder.
+    folder: Arc<Path>,
     began: Instant,
     state: Mutex<State>,
     /// There is an input, or a run has ended.
@@ -85,6 +87,7 @@ impl Northbound {
             site: site.into(),
             service: service.clone(),
             secrets: Arc::new(secrets),
+            folder: state.into(),
             began: Instant::now(),
             state: Mutex::new(State {
                 supervisor: Supervisor::default(),
@@ -229,6 +232,7 @@ impl Northbound {
             },
             kind: config.kind,
             secrets: Arc::clone(&self.secrets),
+            folder: Arc::clone(&self.folder),
             stop,
         }
     }

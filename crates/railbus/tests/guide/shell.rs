@@ -1,8 +1,8 @@
 //! The reader's shell: its own folder, the program in the path.
 //!
-//! Where a page has `/tmp/`, a reader's files are; here that is the folder, and [`ADDRESS`] and
-//! [`MODBUS_PORT`] are replaced by free ports, so that pages tested at the same time do not
-//! collide.
+//! Where a page has `/tmp/`, a reader's files are; here that is the folder, and [`ADDRESS`],
+//! [`MODBUS_PORT`] and [`MQTT_PORT`] are replaced by free ports, so that pages tested at the same
+//! time do not collide.
 
 use crate::websocket::Client;
 use std::io::{BufRead, BufReader};
@@ -19,12 +19,15 @@ const ADDRESS: &str = "127.0.0.1:7485";
 const ANY_PORT: &str = "127.0.0.1:0";
 /// Where the Modbus TCP server of a page listens.
 const MODBUS_PORT: &str = "1502";
+/// Where the MQTT broker of a page listens.
+const MQTT_PORT: &str = "1883";
 
 pub(crate) struct Shell {
     folder: PathBuf,
     lang: String,
     address: String,
     modbus_port: String,
+    mqtt_port: String,
     background: Vec<Child>,
 }
 
@@ -50,6 +53,7 @@ impl Shell {
             lang: lang.to_owned(),
             address: ANY_PORT.to_owned(),
             modbus_port: free_port(count).to_string(),
+            mqtt_port: free_port(count + 6_000).to_string(),
             background: Vec::new(),
         }
     }
@@ -112,6 +116,7 @@ impl Shell {
     fn here(&self, text: &str) -> String {
         // The folder may have these digits in its name.
         text.replace(MODBUS_PORT, &self.modbus_port)
+            .replace(MQTT_PORT, &self.mqtt_port)
             .replace("/tmp/", &format!("{}/", self.folder.display()))
             .replace(ADDRESS, &self.address)
     }

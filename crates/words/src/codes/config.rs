@@ -268,6 +268,20 @@ codes! {
             "测试后又作了更改 · railbus 已重新启动"],
         next: ["test it on the history, then enable it", "先用历史数据测试，再启用"],
     }
+    ConfigTopic = "E0855" {
+        title: ["not a valid part of an MQTT topic", "MQTT 主题的写法不对"],
+        likely: ["a wildcard (+, #), a space or a slash too many", "含有通配符（+、#）、空格或多余的斜杠"],
+        next: ["write base = \"railbus\", site = \"plant1\"",
+            "应写为 base = \"railbus\"、site = \"plant1\""],
+    }
+    BrokerFile = "E0856" {
+        title: ["a certificate or key for the MQTT broker can't be used",
+            "用于 MQTT 代理的证书或私钥不可用"],
+        likely: ["wrong path · no PEM · key of another certificate · no read permission",
+            "路径有误 · 不是 PEM · 私钥与证书不匹配 · 无读取权限"],
+        next: ["check ca, cert and key of the integration, and who may read the files",
+            "检查集成的 ca、cert、key 及文件的读取权限"],
+    }
     HookUnreached = "E0857" {
         title: ["the receiver of the webhook can't be reached", "无法连接 webhook 接收方"],
         likely: ["wrong address · the receiver is not running · no network connection",
@@ -501,5 +515,35 @@ codes! {
             "端口被其他程序占用 · 1024 以下的端口需要权限 · 本机没有该地址"],
         next: ["find the program with ss -ltnp, or use another port such as 1502",
             "用 ss -ltnp 查找占用的程序，或换用其他端口，如 1502"],
+    }
+    BrokerUnreached = "E0896" {
+        title: ["the MQTT broker can't be reached", "无法连接 MQTT 代理"],
+        likely: ["wrong host or port · the broker is not running · no network connection",
+            "主机或端口有误 · 代理未运行 · 网络不通"],
+        next: ["test it from this machine: mosquitto_sub -h HOST -p PORT -t '$SYS/#' -C 1",
+            "在本机测试：mosquitto_sub -h 主机 -p 端口 -t '$SYS/#' -C 1"],
+    }
+    BrokerTls = "E0897" {
+        title: ["no trusted connection to the MQTT broker", "无法与 MQTT 代理建立可信连接"],
+        likely: ["its certificate is for another name or from another authority · the port is one \
+            without TLS · the broker wants a certificate of the client",
+            "证书的域名不符或由其他机构签发 · 该端口未启用 TLS · 代理要求客户端证书"],
+        next: ["set ca to the file of its authority; cert and key if it wants them",
+            "将 ca 设为其 CA 证书文件；代理要求时再设 cert 和 key"],
+    }
+    BrokerLogin = "E0898" {
+        title: ["the MQTT broker does not accept this user", "MQTT 代理不接受该用户"],
+        likely: ["wrong user name or password · the broker takes nobody without a password",
+            "用户名或密码有误 · 代理不允许无密码连接"],
+        next: ["enter user name and password of the integration again",
+            "重新输入集成的用户名和密码"],
+    }
+    BrokerRefused = "E0899" {
+        title: ["the MQTT broker ended the connection", "MQTT 代理断开了连接"],
+        likely: ["another client has the same client ID · not an MQTT port · a port with TLS · \
+            another version",
+            "另一客户端使用了相同的客户端 ID · 不是 MQTT 端口 · 该端口启用了 TLS · 协议版本不符"],
+        next: ["look into the log of the broker; give the integration another client_id",
+            "查看代理的日志；为集成另设 client_id"],
     }
 }

@@ -196,6 +196,13 @@ codes! {
         next: ["issue the certificate again, with 1.3.6.1.4.1.50316.802.1 = ASN1:UTF8String:ROLE",
             "重新签发证书，并写入 1.3.6.1.4.1.50316.802.1 = ASN1:UTF8String:角色"],
     }
+    BrokerTopic = "E0932" {
+        title: ["the MQTT broker does not allow a topic", "MQTT 代理不允许该主题"],
+        likely: ["the broker's access list does not name the topics of railbus for this user",
+            "代理的访问控制列表未授权该用户使用 railbus 的主题"],
+        next: ["allow this user to read and write BASE/SITE/#",
+            "授权该用户读写 前缀/站点/#"],
+    }
     Differs = "E1001" {
         title: ["differences were found", "发现差异"],
         likely: ["the modules' settings are not as configured", "模块设置与期望不同"],

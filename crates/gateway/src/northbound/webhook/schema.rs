@@ -2,7 +2,7 @@
 //! `railbus_site::config`.
 
 use super::{target, test, work};
-use crate::northbound::kind::{ENABLED, Field, OnChange, OutletKind, Pair, Shape};
+use crate::northbound::kind::{ENABLED, EVENTS, Field, OnChange, OutletKind, Pair, Shape};
 use railbus_api::problem::codes;
 use railbus_site::Config;
 use railbus_site::config::change::Keys;
@@ -92,7 +92,7 @@ const FIELDS: &[Field] = &[
     Field::new(
         "events",
         ["Event types (none = all)", "事件类型；不选表示全部"],
-        Shape::Choices(KINDS),
+        Shape::Choices(EVENTS),
     ),
     Field::new(
         "severity",
@@ -125,17 +125,6 @@ const FIELDS: &[Field] = &[
     ]),
 ];
 
-const KINDS: &[(&str, Pair)] = &[
-    ("write", ["Switching", "操作"]),
-    ("module", ["Modules", "模块"]),
-    ("line", ["Lines", "总线"]),
-    ("config", ["Configuration", "配置"]),
-    ("login", ["Users and signing in", "用户与登录"]),
-    ("alarm", ["Alarms", "报警"]),
-    ("rule", ["Rules", "规则"]),
-    ("system", ["Program", "程序"]),
-];
-
 const SEVERITIES: &[(&str, Pair)] = &[
     ("info", ["info", "提示"]),
     ("warning", ["warning", "警告"]),
@@ -155,7 +144,7 @@ mod tests {
             choices.iter().map(|(word, _)| *word).collect()
         };
         let kinds: Vec<&str> = EventKind::ALL.iter().map(|kind| kind.name()).collect();
-        assert_eq!(words(KINDS), kinds);
+        assert_eq!(words(EVENTS), kinds);
         let all = [Severity::Info, Severity::Warning, Severity::Error];
         assert_eq!(words(SEVERITIES), all.map(|severity| severity.name()));
         let text = "[line.main]\nport = \"/dev/ttyS9\"\n[module.pump]\nline = \"main\"\n\

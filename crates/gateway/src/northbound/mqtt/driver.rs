@@ -1,0 +1,475 @@
+//! Connects a [`Node`] to a broker and to the site, again and again.
+
+use super::dial::Dial;
+use super::ends;
+use super::kept::Kept;
+use super::link::{self, Broken, Heard, Login, Receiver, Sender, Step, Version};
+use super::node::{Input, Node, Output, Reply, Setup, WINDOW};
+use super::settings::{self, Broker, Spoken};
+use super::topics::Topics;
+use crate::access::secret::random;
+use crate::northbound::outlet::Outlet;
+use hyper::body::Bytes;
+use railbus_api::problem::{Problem, codes};
+use railbus_site::{Events, Follower, News};
+use serde_json::Value;
+use std::pin::pin;
+use std::sync::atomic::Ordering::Relaxed;
+use std::time::Duration;
+use tokio::sync::mpsc;
+use tokio::task::JoinSet;
+use tokio::time::Instant;
+
+/// The shortest and the longest wait before the next try to connect.
+const WAIT_MIN: Duration = Duration::from_secs(1);
+const WAIT_MAX: Duration = Duration::from_secs(60);
+/// A connection that has lasted for so long was no failure.
+const STEADY: Duration = Duration::from_secs(30);
+/// At the end, the broker has this time to take what is left.
+const LINGER: Duration = Duration::from_millis(900);
+/// How long a test waits until the broker says what it is.
+const LOOK_MAX: Duration = Duration::from_secs(1);
+/// Where many brokers say what they are.
+const BROKER_VERSION: &str = "$SYS/broker/version";
+
+/// Why a connection has ended.
+enum Ended {
+    /// It is to stop.
+    Stopped,
+    Broken(Problem),
+}
+
+/// An outlet at work.
+struct Driver {
+    outlet: Outlet,
+    topics: Topics,
+    node: Node,
+    site: Follower,
+    events: Events,
+    /// Commands under way.
+    jobs: JoinSet<(Reply, Value)>,
+    kept: Kept,
+    began: Instant,
+    /// The configuration has it no longer.
+    is_gone: bool,
+    /// The version that the broker has accepted, as far as it is known.
+    version: Option<Version>,
+}
+
+/// Publishes until it is to stop.
+pub(super) async fn run(outlet: Outlet, events: Events) -> Result<(), Problem> {
+    let kept = Kept::open(outlet.kept());
+    let (topics, kinds) = {
+        let keys = outlet.settings.borrow();
+        (
+            settings::topics(&keys, &outlet.site),
+            settings::events(&keys),
+        )
+    };
+    let node = Node::new(Setup {
+        site: outlet.site.to_string(),
+        topics: topics.clone(),
+        events: kinds,
+        old: kept.topics().clone(),
+    });
+    let driver = Driver {
+        topics,
+        node,
+        site: outlet.service.follow(),
+        events,
+        jobs: JoinSet::new(),
+        kept,
+        began: Instant::now(),
+        is_gone: false,
+        version: None,
+        outlet,
+    };
+    driver.work().await;
+    Ok(())
+}
+
+impl Driver {
+    async fn work(mut self) {
+        // Nothing is told before it is known.
+        if !self.follow().await {
+            return;
+        }
+        self.drive(None);
+        let stopped = self.outlet.stopped();
+        let mut stopped = pin!(stopped);
+        let mut tries = 0;
+        loop {
+            let begun = Instant::now();
+            let connecting = pin!(connected(
+                self.broker(),
+                self.login(Some(self.topics.bridge_state())),
+                self.version
+            ));
+            let connection = tokio::select! {
+                () = &mut stopped => return,
+                end = self.meanwhile(connecting) => end,
+            };
+            let problem = match connection {
+                None => return,
+                Some(Err(problem)) => problem,
+                Some(Ok((version, sender, receiver, limit))) => {
+                    self.version = Some(version);
+                    let end = self
+                        .serve((sender, receiver, limit), stopped.as_mut())
+                        .await;
+                    self.node.handle(self.began.elapsed(), Input::Lost);
+                    self.drive(None);
+                    match end {
+                        Ended::Stopped => return,
+                        Ended::Broken(problem) => problem,
+                    }
+                }
+            };
+            if begun.elapsed() >= STEADY {
+                tries = 0;
+            }
+            tries += 1;
+            let wait = wait(tries);
+            self.outlet.report.failed(problem, tries, Some(wait));
+            let waiting = pin!(tokio::time::sleep(wait));
+            let end = tokio::select! {
+                () = &mut stopped => None,
+                end = self.meanwhile(waiting) => end,
+            };
+            if end.is_none() {
+                return;
+            }
+        }
+    }
+
+    fn broker(&self) -> Broker {
+        broker(&self.outlet)
+    }
+
+    fn login(&self, will: Option<String>) -> Login {
+        login(&self.outlet, &self.broker(), will)
+    }
+
+    /// Keeps up with the site until something has ended; none if the site has gone.
+    async fn meanwhile<T>(&mut self, mut what: impl Future<Output = T> + Unpin) -> Option<T> {
+        loop {
+            tokio::select! {
+                biased;
+                end = &mut what => return Some(end),
+                is_there = self.follow() => if !is_there {
+                    return None;
+                },
+            }
+            self.drive(None);
+        }
+    }
+
+    /// Takes what happens next at the site, or which command ends; false if the site has gone. Can
+    /// be dropped.
+    async fn follow(&mut self) -> bool {
+        let input = tokio::select! {
+            news = self.site.next() => match news {
+                Some(news) => Happened::News(news),
+                None => return false,
+            },
+            event = self.events.next() => match event {
+                Some(Ok(event)) => Happened::Input(Input::Event(Box::new(event))),
+                Some(Err(count)) => Happened::Input(Input::Missed(count)),
+                None => return false,
+            },
+            Some(end) = self.jobs.join_next() => match end {
+                Ok((reply, result)) => Happened::Input(Input::Ended(reply, result)),
+                // It has panicked; what is not known is not told.
+                Err(_) => return true,
+            },
+        };
+        let now = self.began.elapsed();
+        match input {
+            Happened::News(news) => self.node.handle(now, Input::News(&news)),
+            Happened::Input(input) => {
+                // What a command has done is told with its end, not after it.
+                if matches!(input, Input::Ended(..)) {
+                    while let Some(news) = self.site.next_now() {
+                        self.node.handle(now, Input::News(&news));
+                    }
+                }
+                self.node.handle(now, input);
+            }
+        }
+        true
+    }
+
+    /// Does what is to be done. What is larger than the broker takes is left out.
+    fn drive(&mut self, mut link: Option<(&mut Sender, Option<usize>)>) -> Option<Problem> {
+        let now = self.began.elapsed();
+        let mut broken = None;
+        while let Some(output) = self.node.poll(now) {
+            match output {
+                Output::Keep(topics) => {
+                    // It is written again with the next configuration; until then names that are
+                    // given up may stay at the broker.
+                    let _ = self.kept.keep(topics);
+                }
+                Output::Carry(job) => {
+                    let service = self.outlet.service.clone();
+                    self.jobs.spawn(async move {
+                        let done = ends::carry_out(service, job.order, job.key, job.within);
+                        let result = done.await;
+                        (job.reply, result)
+                    });
+                }
+                Output::Online => self.outlet.report.worked(),
+                Output::Subscribe(filters) => {
+                    if let Some((sender, _)) = &mut link {
+                        broken = broken.or(sender.subscribe(&filters).err());
+                    }
+                }
+                Output::Publish(number, message) => {
+                    let is_long = |limit: usize| link::size(&message) > limit;
+                    match &mut link {
+                        Some((_, Some(limit))) if is_long(*limit) => {
+                            self.node.handle(now, Input::Taken(number, true));
+                        }
+                        Some((sender, _)) => {
+                            broken = broken.or(sender.publish(number, message).err());
+                        }
+                        None => {}
+                    }
+                }
+            }
+        }
+        self.count();
+        broken.map(|reason| Problem::new(codes::INTERNAL).with("reason", reason))
+    }
+
+    fn count(&mut self) {
+        let counted = self.node.counted();
+        let counts = self.outlet.report.counts();
+        for (count, more) in [
+            (&counts.sent, counted.sent),
+            (&counts.refused, counted.refused),
+            (&counts.dropped, counted.dropped),
+        ] {
+            if more > 0 {
+                count.fetch_add(more, Relaxed);
+            }
+        }
+        counts.queue.store(self.node.waiting(), Relaxed);
+    }
+
+    /// Uses a connection until it ends.
+    async fn serve(
+        &mut self,
+        (mut sender, mut receiver, limit): (Sender, Receiver, Option<usize>),
+        mut stopped: std::pin::Pin<&mut impl Future<Output = ()>>,
+    ) -> Ended {
+        let (steps, mut heard) = mpsc::channel(WINDOW);
+        // One future that is never dropped before its end: what is half sent is sent to its end.
+        let dial = receiver.dial();
+        let mut pump = pin!(pump(&mut receiver, steps));
+        self.node.handle(self.began.elapsed(), Input::Connected);
+        let (mut ends_by, mut is_refused) = (None, false);
+        loop {
+            if let Some(problem) = self.drive(Some((&mut sender, limit))) {
+                return Ended::Broken(problem);
+            }
+            if self.node.is_done() {
+                if self.is_gone {
+                    self.kept.forget();
+                }
+                drop(heard);
+                sender.disconnect();
+                let by = ends_by.unwrap_or_else(Instant::now);
+                let _ = tokio::time::timeout_at(by, pump).await;
+                return Ended::Stopped;
+            }
+            let deadline = match ends_by {
+                Some(by) => Some(by),
+                None => self.node.deadline().map(|at| self.began + at),
+            };
+            let due = async {
+                match deadline {
+                    Some(at) => tokio::time::sleep_until(at).await,
+                    None => std::future::pending().await,
+                }
+            };
+            tokio::select! {
+                Some(step) = heard.recv() => {
+                    self.hear(&mut sender, step, &dial, &mut is_refused);
+                }
+                broken = &mut pump => {
+                    // The broker has delivered these, and does not again.
+                    while let Ok(step) = heard.try_recv() {
+                        self.hear(&mut sender, step, &dial, &mut is_refused);
+                    }
+                    return match ends_by {
+                        Some(_) => Ended::Stopped,
+                        None => Ended::Broken(broken.problem),
+                    };
+                }
+                () = &mut stopped, if ends_by.is_none() => {
+                    ends_by = Some(Instant::now() + LINGER);
+                    self.stop();
+                }
+                is_there = self.follow() => if !is_there && ends_by.is_none() {
+                    ends_by = Some(Instant::now() + LINGER);
+                    self.node.handle(self.began.elapsed(), Input::Stop { is_gone: false });
+                },
+                () = due => if ends_by.is_some() {
+                    return Ended::Stopped;
+                },
+            }
+        }
+    }
+
+    /// It is to end, maybe for good.
+    fn stop(&mut self) {
+        let config = self.outlet.service.config();
+        self.is_gone = !config.outlets.contains_key(&self.outlet.name);
+        let stop = Input::Stop {
+            is_gone: self.is_gone,
+        };
+        self.node.handle(self.began.elapsed(), stop);
+    }
+
+    fn hear(&mut self, sender: &mut Sender, step: Step, dial: &Dial, is_refused: &mut bool) {
+        let now = self.began.elapsed();
+        let refused = match sender.heard(step) {
+            None => None,
+            Some(Heard::Message(message)) => {
+                self.node.handle(now, Input::Received(message));
+                None
+            }
+            Some(Heard::Taken(number, is_refused)) => {
+                self.node.handle(now, Input::Taken(number, is_refused));
+                is_refused.then(|| self.topics.bridge_state())
+            }
+            Some(Heard::NotSubscribed) => Some(self.topics.commands().join(", ")),
+        };
+        // Once for each connection: it goes on with what is allowed.
+        if let Some(topic) = refused
+            && !std::mem::replace(is_refused, true)
+        {
+            self.outlet.report.failed(dial.forbidden(&topic), 1, None);
+        }
+    }
+}
+
+/// What happened at the site.
+enum Happened {
+    News(News),
+    Input(Input<'static>),
+}
+
+/// Hands on what happens, until the connection ends.
+async fn pump(receiver: &mut Receiver, steps: mpsc::Sender<Step>) -> Broken {
+    loop {
+        match receiver.next().await {
+            // Fails where nobody listens any more; then it is to end as well.
+            Ok(step) => _ = steps.send(step).await,
+            Err(broken) => return broken,
+        }
+    }
+}
+
+fn broker(outlet: &Outlet) -> Broker {
+    Broker::of(&outlet.settings.borrow(), &outlet.site, &outlet.name)
+}
+
+fn login(outlet: &Outlet, broker: &Broker, will: Option<String>) -> Login {
+    let secret = outlet.secret();
+    Login {
+        client_id: broker.client_id.clone(),
+        username: broker.username.clone(),
+        password: secret.map(|secret| Bytes::copy_from_slice(secret.expose().as_bytes())),
+        will: will.map(|topic| (topic, super::told::OFFLINE)),
+    }
+}
+
+/// A connection in a version that the broker speaks: this one, or which it is to be found out.
+async fn connected(
+    broker: Broker,
+    login: Login,
+    known: Option<Version>,
+) -> Result<(Version, Sender, Receiver, Option<usize>), Problem> {
+    let versions: &[Version] = match (broker.spoken, known) {
+        (Spoken::Five, _) => &[Version::Five],
+        (Spoken::ThreeOne, _) => &[Version::ThreeOne],
+        (Spoken::Auto, Some(Version::ThreeOne)) => &[Version::ThreeOne, Version::Five],
+        (Spoken::Auto, _) => &[Version::Five, Version::ThreeOne],
+    };
+    let mut first = None;
+    for version in versions {
+        let dial = Dial::new(&broker)?;
+        match link::connect(*version, dial, login.clone()).await {
+            Ok((sender, receiver, limit)) => return Ok((*version, sender, receiver, limit)),
+            // The broker's other answer says more than that it does not know the first version.
+            Err(broken) if first.is_some() || !broken.is_of_version => {
+                return Err(broken.problem);
+            }
+            Err(broken) => first = Some(broken.problem),
+        }
+    }
+    // There is at least one version.
+    Err(first.unwrap_or_else(|| Problem::new(codes::INTERNAL)))
+}
+
+/// How long after so many failures it is tried again: longer each time, and never at the same time
+/// as all others that lost the same broker.
+fn wait(tries: u32) -> Duration {
+    let longest = WAIT_MIN * (1 << tries.saturating_sub(1).min(6));
+    let share = random::<1>().map_or(128, |[byte]| byte);
+    let jitter = longest.mul_f64(f64::from(share) / 512.0);
+    (longest.mul_f64(0.75) + jitter).clamp(WAIT_MIN, WAIT_MAX)
+}
+
+/// Connects once beside the run, and says what the broker is.
+pub(super) async fn test(outlet: Outlet) -> Result<String, Problem> {
+    let broker = broker(&outlet);
+    let mut login = login(&outlet, &broker, None);
+    // The broker would end the connection of the run otherwise.
+    login.client_id.push_str("-test");
+    let is_tls = broker.is_tls;
+    let (version, sender, mut receiver, _) = connected(broker, login, None).await?;
+    let mut words = vec![format!("MQTT {}", version.name())];
+    if is_tls {
+        words.push("TLS".to_owned());
+    }
+    if sender.look(BROKER_VERSION).is_ok() {
+        let said = tokio::time::timeout(LOOK_MAX, said(&mut receiver)).await;
+        words.extend(said.ok().flatten());
+    }
+    sender.disconnect();
+    let _ = tokio::time::timeout(LOOK_MAX, async { while receiver.next().await.is_ok() {} }).await;
+    Ok(words.join(", "))
+}
+
+/// What the broker says that it is.
+async fn said(receiver: &mut Receiver) -> Option<String> {
+    /// Longer ones are no name.
+    const LEN_MAX: usize = 64;
+    loop {
+        if let Step::Message(message) = receiver.next().await.ok()? {
+            let text = String::from_utf8(message.payload).ok()?;
+            let text = text.chars().filter(|char| !char.is_control());
+            return Some(text.take(LEN_MAX).collect());
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn it_waits_longer_each_time_and_never_too_long() {
+        for (tries, low, high) in [(1, 1.0, 1.3), (2, 1.5, 2.5), (4, 6.0, 10.0)] {
+            let wait = wait(tries).as_secs_f64();
+            assert!((low..=high).contains(&wait), "{tries}: {wait}");
+        }
+        for tries in [7, 8, 1_000, u32::MAX] {
+            let wait = wait(tries);
+            assert!(wait <= WAIT_MAX && wait >= WAIT_MAX / 2, "{wait:?}");
+        }
+    }
+}

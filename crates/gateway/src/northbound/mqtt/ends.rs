@@ -1,0 +1,277 @@
+//! How a command ended, as its result says it.
+
+use super::orders::{Order, Target, Wish};
+use railbus_api::problem::{Problem, codes};
+use railbus_app::api::{ask, control, convert, failures};
+use railbus_host::{Confirmation, Fault};
+use railbus_site::{
+    BatchDone, BatchTerms, By, CommandError, CommandKey, GroupState, KeyRefusal, Pulse, PulseDone,
+    Service, ToggleTerms, Within, WriteDone, WriteTerms,
+};
+use railbus_wire::Micros;
+use serde_json::{Value, json};
+
+/// How a command ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum End {
+    /// Done, and read back from the module.
+    Readback,
+    /// Done, by the module's reply.
+    Reply,
+    /// Sent in a form that gets no reply.
+    Sent,
+    /// It may have acted.
+    Unknown,
+    /// It did not act, or was read back otherwise.
+    Failed,
+}
+
+impl End {
+    const fn name(self) -> &'static str {
+        match self {
+            End::Readback => "readback",
+            End::Reply => "reply",
+            End::Sent => "sent",
+            End::Unknown => "unknown",
+            End::Failed => "failed",
+        }
+    }
+
+    const fn confirmed(confirmed: Confirmation) -> End {
+        match confirmed {
+            Confirmation::Readback => End::Readback,
+            Confirmation::Reply => End::Reply,
+            Confirmation::Sent => End::Sent,
+        }
+    }
+
+    /// The end of a command that was not done. What was read back otherwise is known.
+    const fn of(failure: &CommandError) -> End {
+        match failure {
+            CommandError::Line(Fault::NotVerified) => End::Failed,
+            _ if failure.may_have_acted() => End::Unknown,
+            _ => End::Failed,
+        }
+    }
+}
+
+/// The result of a command that was refused before it was one.
+pub(super) fn refused(problem: Problem) -> Value {
+    failed(End::Failed, problem)
+}
+
+/// It is no command, for this reason.
+pub(super) fn wrong(reason: impl Into<String>) -> Problem {
+    Problem::new(codes::BAD_REQUEST).with("reason", reason.into())
+}
+
+fn failed(end: End, mut problem: Problem) -> Value {
+    // Which names there are is in `bridge/info`.
+    problem.with.remove("known");
+    json!({
+        "end": end.name(),
+        "code": problem.code,
+        "value": null,
+        "before": null,
+        "may_have_acted": problem.may_have_acted,
+        "audit": null,
+        "took_ms": null,
+        "error": problem,
+    })
+}
+
+/// The result of a command to an output that was done.
+fn done(
+    confirmed: Confirmation,
+    (value, before): (Option<bool>, Option<bool>),
+    audit: &str,
+    took: Micros,
+) -> Value {
+    json!({
+        "end": End::confirmed(confirmed).name(),
+        "value": value,
+        "before": before,
+        "may_have_acted": true,
+        "audit": audit,
+        "took_ms": convert::millis(took),
+    })
+}
+
+fn written(done_so: &WriteDone) -> Value {
+    let output = done_so.outputs.first();
+    let states = output.map_or((None, None), |(_, value, before)| (*value, *before));
+    done(done_so.confirmed, states, &done_so.audit, done_so.took)
+}
+
+fn pulsed(pulse: &PulseDone) -> Value {
+    let states = (Some(pulse.value), pulse.before);
+    let mut told = done(pulse.confirmed, states, &pulse.audit, pulse.took);
+    if let Value::Object(told) = &mut told {
+        told.insert("width_ms".to_owned(), convert::millis(pulse.width).into());
+    }
+    told
+}
+
+/// The result of several outputs: the worst end of any of them, and each of them.
+fn batch(service: &Service, done_so: BatchDone) -> Value {
+    let config = service.config();
+    let mut worst: Option<End> = None;
+    let mut first = None;
+    let (mut may_have_acted, mut each) = (false, Vec::new());
+    for part in done_so.parts {
+        let path = config.path(&part.place);
+        let (end, mut told) = match part.end {
+            Ok(ok) => {
+                let states = (ok.value, ok.before);
+                let end = End::confirmed(ok.confirmed);
+                (end, done(ok.confirmed, states, &ok.audit, ok.took))
+            }
+            Err(failure) => {
+                let (module, point) = (&part.place.module, Some(part.place.point));
+                let problem = failures::problem(service, module, point, &failure);
+                first = first.or_else(|| Some(problem.code.clone()));
+                let end = End::of(&failure);
+                (end, failed(end, problem))
+            }
+        };
+        may_have_acted |= told["may_have_acted"] == true;
+        worst = Some(worst.map_or(end, |worst| match worst as u8 >= end as u8 {
+            true => worst,
+            false => end,
+        }));
+        told["path"] = path.into();
+        each.push(told);
+    }
+    json!({
+        // Of nothing, all is done.
+        "end": worst.unwrap_or(End::Readback).name(),
+        "code": first,
+        "may_have_acted": may_have_acted,
+        "undone": done_so.undone,
+        "outputs": each,
+    })
+}
+
+/// Carries an order out once under its key, or just carries it out, and gives back its result.
+pub(super) async fn carry_out(
+    service: Service,
+    order: Order,
+    key: Option<String>,
+    within: Within,
+) -> Value {
+    let Some(key) = key else {
+        return carried(&service, &order, within).await;
+    };
+    let mut command: Vec<Vec<u8>> = order.target.parts().map(|part| part.into()).to_vec();
+    let terms = (order.wish, order.confirm, order.only_if, order.within_ms);
+    command.push(format!("{terms:?}").into_bytes());
+    let key = CommandKey {
+        key,
+        caller: service.origin().who.clone(),
+        command,
+    };
+    let once = service.clone();
+    let work = async move { carried(&once, &order, within).await };
+    let end = service.once(key, work).await;
+    end.unwrap_or_else(|refusal| {
+        let end = match refusal {
+            KeyRefusal::Begun => End::Unknown,
+            _ => End::Failed,
+        };
+        failed(end, of_key(&refusal))
+    })
+}
+
+fn of_key(refusal: &KeyRefusal) -> Problem {
+    match refusal {
+        KeyRefusal::BadKey => wrong("the id of a command has 1 to 128 bytes"),
+        KeyRefusal::OtherCommand => wrong("this id stands for another command"),
+        KeyRefusal::TooMany => Problem::new(codes::OVERLOADED),
+        KeyRefusal::NotKept(why) => Problem::new(codes::NOT_KEPT).with("reason", why.clone()),
+        KeyRefusal::Begun => Problem::new(codes::KEY_BEGUN).perhaps_acted(true),
+    }
+}
+
+async fn carried(service: &Service, order: &Order, within: Within) -> Value {
+    let told = match &order.target {
+        Target::Output(module, label) => on_output(service, order, (module, label), within).await,
+        Target::Group(group) => {
+            let to = match order.wish {
+                Wish::Set(on) => GroupState::Set(on),
+                Wish::Toggle | Wish::Pulse(_) | Wish::Run => GroupState::Toggle,
+            };
+            let done = service.set_group(group, to, terms(order, within)).await;
+            done.map(|done| batch(service, done)).map_err(|failure| {
+                let problem = control::of_group(service, group, &failure);
+                (failure, problem)
+            })
+        }
+        Target::Scene(scene) => {
+            let done = service.play(scene, terms(order, within)).await;
+            done.map(|done| batch(service, done)).map_err(|failure| {
+                let problem = control::of_scene(service, scene, &failure);
+                (failure, problem)
+            })
+        }
+    };
+    told.unwrap_or_else(|(failure, problem)| failed(End::of(&failure), problem))
+}
+
+const fn terms(order: &Order, within: Within) -> BatchTerms {
+    BatchTerms {
+        verify: true,
+        confirm: order.confirm,
+        all_or_nothing: false,
+        within,
+    }
+}
+
+async fn on_output(
+    service: &Service,
+    order: &Order,
+    (module, label): (&str, &str),
+    within: Within,
+) -> Result<Value, (CommandError, Problem)> {
+    let confirm = order.confirm;
+    let path = format!("{module}.{label}");
+    let point = match ask::find(service, &path) {
+        Ok((_, point)) => point,
+        Err(problem) => return Err((CommandError::NoSuchPoint, problem)),
+    };
+    let told = match order.wish {
+        Wish::Set(on) => {
+            let terms = WriteTerms {
+                only_if: order.only_if,
+                confirm,
+                within,
+                ..WriteTerms::default()
+            };
+            let done = service.write_labelled((module, label), on, terms).await;
+            done.map(|done| written(&done))
+        }
+        Wish::Toggle | Wish::Run => {
+            let terms = ToggleTerms {
+                raw: false,
+                confirm,
+                within,
+            };
+            let done = service.toggle(module, point, terms).await;
+            done.map(|done| written(&done))
+        }
+        Wish::Pulse(width) => {
+            let pulse = Pulse {
+                width: width.map(|ms| Micros(ms.saturating_mul(1_000))),
+                by: By::Auto,
+                off: false,
+                confirm,
+                within,
+            };
+            let done = service.pulse(module, point, pulse).await;
+            done.map(|done| pulsed(&done))
+        }
+    };
+    told.map_err(|failure| {
+        let problem = failures::problem(service, module, Some(point), &failure);
+        (failure, problem)
+    })
+}

@@ -1,0 +1,155 @@
+//! MQTT: values, their quality and what happens are published at a broker, and commands come from
+//! there, in MQTT 5 and 3.1.1.
+//!
+//! - Its settings: `settings`. Its topics: `topics`. What a payload orders: `orders`.
+//! - What the broker keeps of the site: `told`; the file with its topics: `kept`.
+//! - What is published and when, and which commands are carried out, without I/O: `node`. How a
+//!   command ended: `ends`.
+//! - TCP and TLS: `dial`. Both versions of the protocol: `link`. What drives it all: `driver`.
+
+mod dial;
+mod driver;
+mod ends;
+mod kept;
+mod link;
+mod node;
+mod orders;
+mod settings;
+mod told;
+mod topics;
+
+use super::kind::{EVENTS, Field, OutletKind, Pair, Shape};
+
+/// MQTT, as a client.
+pub(super) static KIND: OutletKind = OutletKind {
+    notes: NOTES,
+    check: settings::check,
+    ..OutletKind::new(
+        "mqtt",
+        WORDS,
+        FIELDS,
+        |outlet, events| Box::pin(driver::run(outlet, events)),
+        |outlet| Box::pin(driver::test(outlet)),
+    )
+};
+
+const WORDS: (Pair, Pair) = (
+    ["MQTT", "MQTT"],
+    [
+        "Publishes every value with its quality at an MQTT broker, and takes commands from there. \
+         Each command is answered with its true end.",
+        "向 MQTT 代理发布每个点位的值及其质量，并从代理接收命令；每条命令都会回报真实的执行结果。",
+    ],
+);
+
+const NOTES: &[Pair] = &[
+    [
+        "Topics begin with railbus/SITE/. MODULE/LABEL/state is ON, OFF, a number, or None while \
+         the value is not known; MODULE/LABEL/attr has the quality; MODULE/availability is online \
+         or offline. bridge/state is offline as soon as railbus is gone.",
+        "主题以 railbus/站点/ 开头。模块/点位/state 为 ON、OFF、数值，值未知时为 None；模块/点位/attr 为质量；\
+         模块/availability 为 online 或 offline。railbus 离线时 bridge/state 变为 offline。",
+    ],
+    [
+        "Commands go to MODULE/LABEL/set: ON, OFF, TOGGLE, PULSE or PULSE 500, not retained. The \
+         end is published at MODULE/LABEL/result. Whoever may publish these topics at the broker \
+         can switch the outputs named here.",
+        "命令发布到 模块/点位/set：ON、OFF、TOGGLE、PULSE 或 PULSE 500，不可设置保留标志。执行结果发布在 \
+         模块/点位/result。凡可在代理上发布这些主题者，均可操作此处列出的输出。",
+    ],
+];
+
+const FIELDS: &[Field] = &[
+    Field::new("host", ["Broker", "代理地址"], Shape::Text(253)).with_hint([
+        "Name or address; 127.0.0.1 if left empty",
+        "主机名或地址；留空为 127.0.0.1",
+    ]),
+    Field::new("port", ["Port", "端口"], Shape::Number(0, 65_535, 0)).with_hint([
+        "0 for the usual one: 1883, with TLS 8883",
+        "0 表示默认端口：1883，使用 TLS 时为 8883",
+    ]),
+    Field::new(
+        "tls",
+        ["Encryption (TLS)", "加密（TLS）"],
+        Shape::Choice(TLS),
+    ),
+    Field::new(
+        "ca",
+        ["Authority of the broker", "代理的 CA 证书"],
+        Shape::Text(PATH_MAX),
+    )
+    .with_hint([
+        "File with certificates in PEM on this machine; the authorities of this machine if \
+             left empty",
+        "本机上的 PEM 证书文件；留空则使用本机信任的 CA",
+    ]),
+    Field::new(
+        "cert",
+        ["Own certificate", "客户端证书"],
+        Shape::Text(PATH_MAX),
+    )
+    .with_hint([
+        "File in PEM, only if the broker asks for one",
+        "PEM 文件，仅在代理要求客户端证书时填写",
+    ]),
+    Field::new(
+        "key",
+        ["Its private key", "客户端私钥"],
+        Shape::Text(PATH_MAX),
+    )
+    .with_hint(["File in PEM", "PEM 文件"]),
+    Field::new("username", ["User name", "用户名"], Shape::Text(256)),
+    Field::new("password", ["Password", "密码"], Shape::Secret(1, 256)).with_hint([
+        "Leave empty to keep. It is never shown again.",
+        "留空则不变。保存后不再显示。",
+    ]),
+    Field::new("client_id", ["Client ID", "客户端 ID"], Shape::Text(128)).with_hint([
+        "railbus-SITE-NAME if left empty. Every client of a broker has its own",
+        "留空为 railbus-站点-名称。同一代理上的客户端 ID 不可重复",
+    ]),
+    Field::new("version", ["Version", "协议版本"], Shape::Choice(VERSIONS)),
+    Field::new("base", ["Topics begin with", "主题前缀"], Shape::Text(128))
+        .with_hint(["railbus if left empty", "留空为 railbus"]),
+    Field::new(
+        "site",
+        ["Name of the site in topics", "主题中的站点名"],
+        Shape::Text(64),
+    )
+    .with_hint(["The name of the site if left empty", "留空则使用站点名称"]),
+    Field::new(
+        "write",
+        ["Outputs that may be switched", "允许操作的输出"],
+        Shape::Points,
+    )
+    .with_hint([
+        "Outputs such as oven.k1, oven or *; nothing if left empty",
+        "输出，如 oven.k1、oven 或 *；留空则均不可操作",
+    ]),
+    Field::new("modules", ["Modules", "模块"], Shape::Modules),
+    Field::new(
+        "events",
+        ["Event types (none = all)", "事件类型；不选表示全部"],
+        Shape::Choices(EVENTS),
+    ),
+];
+
+/// The longest path of a file.
+const PATH_MAX: usize = 1_024;
+
+const TLS: &[(&str, Pair)] = &[
+    (
+        "auto",
+        ["Unless the broker is on this machine", "代理不在本机时使用"],
+    ),
+    ("on", ["Always", "始终使用"]),
+    (
+        "off",
+        ["Never: others can read along", "不使用（数据可被他人读取）"],
+    ),
+];
+
+const VERSIONS: &[(&str, Pair)] = &[
+    ("auto", ["5, otherwise 3.1.1", "优先 5，否则 3.1.1"]),
+    ("5", ["5", "5"]),
+    ("3.1.1", ["3.1.1", "3.1.1"]),
+];

@@ -1,0 +1,481 @@
+//! The machine, without a broker and without a clock.
+
+use super::super::orders::{Target, Wish};
+use super::*;
+use railbus_site::{
+    BadReason, Batch, Config, Picture, PointQuality, PointReading, PointValue, Service,
+};
+use railbus_store::history::{EventKind, Severity};
+use std::sync::Arc;
+use std::time::SystemTime;
+
+const OVEN: &str = "[line.main]\nport = \"/dev/ttyS99\"\n[module.oven]\nline = \"main\"\n\
+    model = \"erc8\"\naddress = 3\n";
+const PUMP: &str = "[module.pump]\nline = \"main\"\nmodel = \"eda9060a\"\naddress = 4\n";
+const ZERO: Duration = Duration::ZERO;
+
+/// How a site with this configuration is at its beginning.
+async fn picture(text: &str) -> Arc<Picture> {
+    let config = Config::parse(text).unwrap();
+    let service = Service::start(config).unwrap();
+    match service.follow().next().await.unwrap() {
+        News::Picture(picture) => picture,
+        News::Batch(_) => panic!("a picture comes first"),
+    }
+}
+
+/// A change of one point.
+fn change(of: &Picture, path: &str, value: PointValue, quality: PointQuality) -> News {
+    let is_it =
+        |status: &&railbus_site::PointStatus| format!("{}.{}", status.module, status.label) == path;
+    let mut status = of.points.iter().find(is_it).unwrap().clone();
+    (status.value, status.quality) = (Some(value), quality);
+    status.time = Some(SystemTime::UNIX_EPOCH + Duration::from_secs(1));
+    let at = SystemTime::UNIX_EPOCH;
+    News::Batch(Arc::new(Batch {
+        seq: of.seq + 1,
+        changes: of.changes + 1,
+        at,
+        config: Arc::clone(&of.config),
+        points: [PointReading { at, status }].into(),
+        modules: Box::default(),
+        figures: Box::default(),
+        lines: Box::default(),
+    }))
+}
+
+fn node(old: &[&str]) -> Node {
+    Node::new(Setup {
+        site: "plant".to_owned(),
+        topics: Topics::new("railbus", "plant", BTreeSet::new()),
+        events: BTreeSet::new(),
+        old: old.iter().map(|topic| (*topic).to_owned()).collect(),
+    })
+}
+
+/// Everything that it wants done, each message taken at once.
+fn settle(node: &mut Node, now: Duration) -> Vec<(String, String)> {
+    let mut told = Vec::new();
+    while let Some(output) = node.poll(now) {
+        if let Output::Publish(number, message) = output {
+            let topic = message.topic.strip_prefix("railbus/plant/");
+            let topic = topic.unwrap_or(&message.topic).to_owned();
+            let flag = if message.is_retained { "" } else { "!" };
+            let payload = String::from_utf8(message.payload).unwrap();
+            told.push((format!("{flag}{topic}"), payload));
+            node.handle(now, Input::Taken(number, false));
+        }
+    }
+    told
+}
+
+async fn connected(text: &str) -> (Node, Arc<Picture>) {
+    let (mut node, picture) = (node(&[]), picture(text).await);
+    node.handle(ZERO, Input::News(&News::Picture(Arc::clone(&picture))));
+    node.handle(ZERO, Input::Connected);
+    settle(&mut node, ZERO);
+    (node, picture)
+}
+
+fn set(payload: &str) -> Received {
+    Received {
+        topic: "railbus/plant/oven/k1/set".to_owned(),
+        payload: payload.as_bytes().to_vec(),
+        ..Received::default()
+    }
+}
+
+/// The commands and the results that come of a message.
+fn given(node: &mut Node, message: Received) -> (Vec<Job>, Vec<(String, Value)>) {
+    node.handle(ZERO, Input::Received(message));
+    let (mut jobs, mut results) = (Vec::new(), Vec::new());
+    while let Some(output) = node.poll(ZERO) {
+        match output {
+            Output::Carry(job) => jobs.push(*job),
+            Output::Publish(number, message) => {
+                let result = serde_json::from_slice(&message.payload).unwrap();
+                results.push((message.topic, result));
+                node.handle(ZERO, Input::Taken(number, false));
+            }
+            _ => {}
+        }
+    }
+    (jobs, results)
+}
+
+#[tokio::test]
+async fn online_comes_after_everything_else() {
+    let (mut node, picture) = (node(&[]), picture(OVEN).await);
+    node.handle(ZERO, Input::News(&News::Picture(picture)));
+    assert!(matches!(node.poll(ZERO), Some(Output::Keep(topics)) if topics.len() == 19));
+    assert_eq!(node.poll(ZERO), None, "there is no broker");
+    node.handle(ZERO, Input::Connected);
+    let subscribe = node.poll(ZERO);
+    assert!(matches!(subscribe, Some(Output::Subscribe(_))));
+    let told = settle(&mut node, ZERO);
+    let topics: Vec<&str> = told.iter().map(|(topic, _)| &**topic).collect();
+    assert_eq!(
+        topics[..4],
+        [
+            "bridge/state",
+            "bridge/info",
+            "oven/k1/attr",
+            "oven/k1/state"
+        ]
+    );
+    assert_eq!(topics[18..], ["oven/availability", "bridge/state"]);
+    let payload = |topic: &str| {
+        let found = told.iter().rev().find(|(told, _)| told == topic);
+        found.map(|(_, payload)| payload.as_str())
+    };
+    assert_eq!(told[0].1, "offline");
+    assert_eq!(payload("bridge/state"), Some("online"));
+    assert_eq!(payload("oven/k1/state"), Some("None"));
+    assert_eq!(payload("oven/availability"), Some("offline"));
+}
+
+#[tokio::test]
+async fn it_is_online_when_the_broker_has_everything() {
+    let (mut node, picture) = (node(&[]), picture(OVEN).await);
+    node.handle(ZERO, Input::News(&News::Picture(picture)));
+    node.handle(ZERO, Input::Connected);
+    let mut numbers = Vec::new();
+    while let Some(output) = node.poll(ZERO) {
+        assert_ne!(output, Output::Online);
+        if let Output::Publish(number, _) = output {
+            numbers.push(number);
+        }
+    }
+    for number in numbers {
+        assert_eq!(node.poll(ZERO), None);
+        node.handle(ZERO, Input::Taken(number, false));
+    }
+    assert_eq!(node.poll(ZERO), Some(Output::Online));
+}
+
+#[tokio::test]
+async fn a_value_is_told_while_it_is_good() {
+    let (mut node, picture) = connected(OVEN).await;
+    let mut told = |value, quality| {
+        let news = change(&picture, "oven.k1", value, quality);
+        node.handle(ZERO, Input::News(&news));
+        settle(&mut node, ZERO)
+    };
+    let (on, good) = (PointValue::Bool(true), PointQuality::Good);
+    let first = told(on, good);
+    assert_eq!(first[0], ("oven/k1/state".to_owned(), "ON".to_owned()));
+    let attr: Value = serde_json::from_str(&first[1].1).unwrap();
+    assert_eq!(attr["quality"], "good");
+    assert_eq!(attr["time"], "1970-01-01T00:00:01.000Z");
+    assert!(attr["max_age_ms"].is_u64(), "{attr}");
+    assert_eq!(told(on, good), [], "nothing is new");
+    let stale = told(on, PointQuality::Stale);
+    assert_eq!(stale[0].1, "None");
+    assert!(stale[1].1.contains("\"stale\""));
+    assert_eq!(told(PointValue::Bool(false), good)[0].1, "OFF");
+    let gone = told(on, PointQuality::Bad(BadReason::LineAbsent));
+    assert_eq!(gone[0].1, "None");
+    assert!(gone[1].1.contains("line_absent"), "{gone:?}");
+}
+
+/// While the broker is slow the newest value replaces the one before, and nothing piles up.
+#[tokio::test]
+async fn the_newest_value_wins() {
+    let (mut node, picture) = connected(&format!("{OVEN}{PUMP}")).await;
+    let mut held = Vec::new();
+    for round in 0..1_000_u32 {
+        for label in ["k1", "k2", "k3"] {
+            let (path, on) = (format!("oven.{label}"), round % 2 == 0);
+            let news = change(&picture, &path, PointValue::Bool(on), PointQuality::Good);
+            node.handle(ZERO, Input::News(&news));
+        }
+        while let Some(output) = node.poll(ZERO) {
+            let Output::Publish(number, _) = output else {
+                panic!("{output:?}");
+            };
+            held.push(number);
+        }
+    }
+    assert_eq!(held.len(), WINDOW);
+    assert!(node.waiting() <= WINDOW + 6, "{}", node.waiting());
+    for number in held {
+        node.handle(ZERO, Input::Taken(number, false));
+    }
+    let told = settle(&mut node, ZERO);
+    let states = told.iter().filter(|(topic, _)| topic.ends_with("/state"));
+    assert!(states.clone().count() <= 3);
+    assert!(
+        states.clone().all(|(_, payload)| payload == "OFF"),
+        "{told:?}"
+    );
+    assert_eq!(node.waiting(), 0);
+}
+
+#[tokio::test]
+async fn a_command_is_carried_out_and_its_end_told() {
+    let (mut node, _) = connected(OVEN).await;
+    let (jobs, results) = given(
+        &mut node,
+        Received {
+            response: Some("answers/7".to_owned()),
+            correlation: Some(vec![1, 2]),
+            ..set("{\"value\": \"ON\", \"id\": \"a\", \"within_ms\": 900}")
+        },
+    );
+    assert_eq!(results, []);
+    let [job] = &jobs[..] else {
+        panic!("{jobs:?}");
+    };
+    let output = Target::Output("oven".to_owned(), "k1".to_owned());
+    assert_eq!(
+        (&job.order.target, job.order.wish),
+        (&output, Wish::Set(true))
+    );
+    assert_eq!(job.key.as_deref(), Some("a"));
+    assert_eq!(Some(job.within), Within::new(Micros(900_000)));
+    let end = json!({ "end": "readback", "value": true });
+    node.handle(ZERO, Input::Ended(job.reply.clone(), end));
+    let mut told = Vec::new();
+    while let Some(Output::Publish(_, message)) = node.poll(ZERO) {
+        told.push(message);
+    }
+    let [all, one] = &told[..] else {
+        panic!("{told:?}");
+    };
+    assert_eq!(all.topic, "railbus/plant/oven/k1/result");
+    assert_eq!(one.topic, "answers/7");
+    assert_eq!(one.correlation, Some(vec![1, 2]));
+    assert!(!all.is_retained && all.is_sure);
+    let result: Value = serde_json::from_slice(&all.payload).unwrap();
+    assert_eq!(
+        result,
+        json!({ "id": "a", "end": "readback", "value": true })
+    );
+}
+
+#[tokio::test]
+async fn what_is_no_command_is_refused_and_told() {
+    let (mut node, _) = connected(OVEN).await;
+    let mut code = |message: Received| {
+        let (jobs, results) = given(&mut node, message);
+        assert_eq!(jobs, []);
+        let [(topic, result)] = &results[..] else {
+            panic!("{results:?}");
+        };
+        assert_eq!(topic, "railbus/plant/oven/k1/result");
+        assert_eq!(
+            (&result["end"], &result["may_have_acted"]),
+            (&json!("failed"), &json!(false))
+        );
+        result["code"].as_str().unwrap().to_owned()
+    };
+    assert_eq!(code(set("")), "E0806");
+    assert_eq!(code(set("ONN")), "E0806");
+    assert_eq!(code(set(&" ".repeat(5_000))), "E0806");
+    assert_eq!(
+        code(set("{\"value\": \"ON\", \"within_ms\": 199}")),
+        "E0806"
+    );
+    let kept = Received {
+        is_retained: true,
+        ..set("ON")
+    };
+    assert_eq!(code(kept), "E0806");
+    let late = Received {
+        expiry: Some(0),
+        ..set("ON")
+    };
+    assert_eq!(code(late), "E0106");
+}
+
+#[tokio::test]
+async fn what_is_left_of_a_message_counts() {
+    let (mut node, _) = connected(OVEN).await;
+    let mut within = |payload: &str, expiry| {
+        let message = Received {
+            expiry,
+            ..set(payload)
+        };
+        given(&mut node, message).0.pop().map(|job| job.within)
+    };
+    let of = |millis: u64| Within::new(Micros(millis * 1_000));
+    assert_eq!(within("ON", None), of(5_000));
+    assert_eq!(within("ON", Some(2)), of(2_000));
+    assert_eq!(within("ON", Some(60)), of(5_000));
+    let asked = "{\"value\": \"ON\", \"within_ms\": 9000}";
+    assert_eq!(within(asked, Some(60)), of(9_000));
+    assert_eq!(within(asked, Some(1)), of(1_000));
+}
+
+#[tokio::test]
+async fn a_packet_that_comes_again_is_the_same_command() {
+    let (mut node, _) = connected(OVEN).await;
+    let packet = |packet, is_again, payload| Received {
+        packet: Some(packet),
+        is_again,
+        ..set(payload)
+    };
+    let mut count = |message| {
+        let (jobs, results) = given(&mut node, message);
+        (jobs.len(), results.len())
+    };
+    assert_eq!(count(packet(1, false, "TOGGLE")), (1, 0));
+    assert_eq!(count(packet(1, true, "TOGGLE")), (0, 0));
+    assert_eq!(count(packet(2, true, "TOGGLE")), (1, 0), "it never came");
+    assert_eq!(count(packet(1, true, "OFF")), (1, 0), "another one");
+    assert_eq!(count(packet(1, false, "OFF")), (1, 0), "a new one");
+    node.handle(ZERO, Input::Lost);
+    node.handle(ZERO, Input::Connected);
+    settle(&mut node, ZERO);
+    let (jobs, _) = given(&mut node, packet(1, true, "OFF"));
+    assert_eq!(jobs.len(), 1, "of another connection");
+}
+
+#[tokio::test]
+async fn more_than_64_commands_at_a_time_are_too_many() {
+    let (mut node, _) = connected(OVEN).await;
+    let mut jobs = Vec::new();
+    for _ in 0..COMMANDS_MAX {
+        jobs.extend(given(&mut node, set("ON")).0);
+    }
+    assert_eq!(jobs.len(), COMMANDS_MAX);
+    let (more, results) = given(&mut node, set("ON"));
+    assert_eq!((more.len(), &results[0].1["code"]), (0, &json!("E0105")));
+    let reply = jobs.pop().unwrap().reply;
+    node.handle(ZERO, Input::Ended(reply, json!({})));
+    settle(&mut node, ZERO);
+    assert_eq!(given(&mut node, set("ON")).0.len(), 1);
+}
+
+/// What has another name leaves nothing at the broker.
+#[tokio::test]
+async fn topics_of_names_that_are_gone_are_cleared() {
+    let old = [
+        "railbus/plant/stove/k1/state",
+        "railbus/plant/oven/k1/state",
+    ];
+    let (mut node, first) = (node(&old), picture(&format!("{OVEN}{PUMP}")).await);
+    node.handle(ZERO, Input::News(&News::Picture(first)));
+    let Some(Output::Keep(kept)) = node.poll(ZERO) else {
+        panic!("it is remembered before anything is published");
+    };
+    assert!(
+        old.iter()
+            .all(|topic| kept.iter().any(|known| known == topic))
+    );
+    node.handle(ZERO, Input::Connected);
+    let told = settle(&mut node, ZERO);
+    let stove = ("stove/k1/state".to_owned(), String::new());
+    assert!(told.contains(&stove), "of an earlier run");
+    let second = picture(OVEN).await;
+    node.handle(ZERO, Input::News(&News::Picture(second)));
+    let mut kept = Vec::new();
+    let mut cleared = Vec::new();
+    while let Some(output) = node.poll(ZERO) {
+        match output {
+            Output::Keep(topics) => kept = topics,
+            Output::Publish(number, message) => {
+                if message.payload.is_empty() {
+                    assert!(message.is_retained && message.is_sure);
+                    cleared.push(message.topic);
+                }
+                node.handle(ZERO, Input::Taken(number, false));
+            }
+            _ => {}
+        }
+    }
+    assert_eq!(
+        cleared.len(),
+        17,
+        "eight points and whether it is there: {cleared:?}"
+    );
+    assert!(
+        cleared
+            .iter()
+            .all(|topic| topic.starts_with("railbus/plant/pump/"))
+    );
+    assert!(
+        !kept
+            .iter()
+            .any(|topic| topic.contains("pump") || topic.contains("stove"))
+    );
+}
+
+#[tokio::test]
+async fn what_was_on_its_way_is_published_again() {
+    let (mut node, _) = connected(OVEN).await;
+    let event = |text: &str| {
+        let event = Event::new(EventKind::System, Severity::Info, "test").text(text);
+        Input::Event(Box::new(event))
+    };
+    for text in ["a", "b", "c"] {
+        node.handle(ZERO, event(text));
+    }
+    let Some(Output::Publish(first, _)) = node.poll(ZERO) else {
+        panic!("an event");
+    };
+    assert!(matches!(node.poll(ZERO), Some(Output::Publish(..))));
+    node.handle(ZERO, Input::Taken(first, false));
+    node.handle(ZERO, Input::Lost);
+    assert_eq!(node.poll(ZERO), None);
+    node.handle(ZERO, event("d"));
+    node.handle(ZERO, Input::Connected);
+    let told = settle(&mut node, ZERO);
+    let events = told.iter().filter(|(topic, _)| topic == "!event");
+    let texts: Vec<String> = events
+        .map(|(_, payload)| {
+            let event: Value = serde_json::from_str(payload).unwrap();
+            event["event"]["text"].as_str().unwrap().to_owned()
+        })
+        .collect();
+    assert_eq!(texts, ["b", "c", "d"]);
+    node.handle(ZERO, Input::Lost);
+    for _ in 0..QUEUE_MAX + 5 {
+        node.handle(ZERO, event("e"));
+    }
+    assert_eq!(node.counted().dropped, 5);
+    assert_eq!(node.waiting(), QUEUE_MAX);
+}
+
+#[tokio::test]
+async fn it_says_every_30_seconds_how_it_does() {
+    let (mut node, _) = connected(OVEN).await;
+    assert_eq!(node.deadline(), Some(HEALTH_EVERY));
+    assert_eq!(
+        settle(&mut node, HEALTH_EVERY - Duration::from_millis(1)),
+        []
+    );
+    let told = settle(&mut node, HEALTH_EVERY);
+    let [(topic, payload)] = &told[..] else {
+        panic!("{told:?}");
+    };
+    assert_eq!(topic, "!bridge/health");
+    let health: Value = serde_json::from_str(payload).unwrap();
+    assert_eq!(health["modules"], json!({ "online": 0, "offline": 1 }));
+    assert_eq!(health["waiting"], 0);
+    assert_eq!(node.deadline(), Some(2 * HEALTH_EVERY));
+}
+
+#[tokio::test]
+async fn at_the_end_it_says_that_it_is_gone() {
+    let (mut node, picture) = connected(OVEN).await;
+    node.handle(ZERO, Input::Stop { is_gone: false });
+    let news = change(
+        &picture,
+        "oven.k1",
+        PointValue::Bool(true),
+        PointQuality::Good,
+    );
+    node.handle(ZERO, Input::News(&news));
+    assert!(!node.is_done());
+    let told = settle(&mut node, ZERO);
+    assert_eq!(told, [("bridge/state".to_owned(), "offline".to_owned())]);
+    assert!(node.is_done());
+    let (mut node, _) = connected(OVEN).await;
+    node.handle(ZERO, Input::Stop { is_gone: true });
+    let told = settle(&mut node, ZERO);
+    assert_eq!(told.len(), 20, "{told:?}");
+    assert!(told[1..].iter().all(|(_, payload)| payload.is_empty()));
+    assert_eq!(told[19].0, "bridge/state");
+    assert!(node.is_done());
+}

@@ -1,0 +1,271 @@
+//! What the broker keeps: for each topic the newest that is to be said.
+
+use super::topics::{Facet, Topics};
+use railbus_app::api::convert;
+use railbus_host::Presence;
+use railbus_site::{
+    Batch, LineStatus, ModuleStatus, Picture, PointQuality, PointStatus, PointValue,
+};
+use serde_json::{Map, Value, json};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// `online`.
+pub(super) const ONLINE: &str = "online";
+/// `offline`.
+pub(super) const OFFLINE: &str = "offline";
+/// A value that is not known, or no longer.
+const NOT_KNOWN: &str = "None";
+
+/// The newest payload of a topic.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Newest {
+    pub(super) payload: Vec<u8>,
+    /// Delivered at least once.
+    pub(super) is_sure: bool,
+}
+
+/// The newest payload of every topic that the broker keeps.
+#[derive(Debug)]
+pub(super) struct Told {
+    site: String,
+    topics: Topics,
+    wanted: BTreeMap<String, Newest>,
+    /// Topics of earlier names, which are to be cleared.
+    old: BTreeSet<String>,
+    lines: BTreeMap<String, Value>,
+    /// Whether each module answers.
+    modules: BTreeMap<String, bool>,
+}
+
+impl Told {
+    /// Nothing is known yet. `old` are the topics that an earlier run had.
+    pub(super) fn new(site: &str, topics: Topics, mut old: BTreeSet<String>) -> Told {
+        old.remove(&topics.bridge_state());
+        Told {
+            site: site.to_owned(),
+            topics,
+            wanted: BTreeMap::new(),
+            old,
+            lines: BTreeMap::new(),
+            modules: BTreeMap::new(),
+        }
+    }
+
+    /// The payload of a topic.
+    pub(super) fn newest(&self, topic: &str) -> Option<&Newest> {
+        self.wanted.get(topic)
+    }
+
+    /// Whether a topic is to be cleared.
+    pub(super) fn is_old(&self, topic: &str) -> bool {
+        self.old.contains(topic)
+    }
+
+    /// A topic was cleared. Whether all are now.
+    pub(super) fn cleared(&mut self, topic: &str) -> bool {
+        self.old.remove(topic) && self.old.is_empty()
+    }
+
+    /// A topic is to be cleared.
+    pub(super) fn forget(&mut self, topic: String) {
+        self.old.insert(topic);
+    }
+
+    /// Everything is to be cleared.
+    pub(super) fn clear(&mut self) -> Vec<String> {
+        let all = std::mem::take(&mut self.wanted).into_keys();
+        self.old.extend(all);
+        self.old.iter().cloned().collect()
+    }
+
+    /// Every topic that the broker may have something at.
+    pub(super) fn kept(&self) -> Vec<String> {
+        let own = std::iter::once(self.topics.bridge_state());
+        let all = own.chain(self.wanted.keys().cloned());
+        all.chain(self.old.iter().cloned()).collect()
+    }
+
+    /// All topics in the order in which they are told: what there is, values, and then which
+    /// modules answer.
+    pub(super) fn all(&self) -> Vec<String> {
+        let info = self.topics.bridge_info();
+        let is_module = |topic: &str| topic.ends_with("/availability");
+        let points = self.wanted.keys();
+        let points = points.filter(|topic| **topic != info && !is_module(topic));
+        let modules = self.wanted.keys().filter(|topic| is_module(topic));
+        let all = std::iter::once(&info).chain(points).chain(modules);
+        all.chain(self.old.iter()).cloned().collect()
+    }
+
+    /// How everything is. Gives back the topics that are to be told.
+    pub(super) fn picture(&mut self, picture: &Picture) -> Vec<String> {
+        let before = std::mem::take(&mut self.wanted);
+        self.modules.clear();
+        self.lines.clear();
+        self.lines(&picture.lines);
+        let mut changed = Vec::new();
+        self.modules(&picture.modules, &mut changed);
+        for status in &picture.points {
+            self.point(status, &mut changed);
+        }
+        let info = self.info(picture);
+        self.put(
+            self.topics.bridge_info(),
+            info.to_string(),
+            true,
+            &mut changed,
+        );
+        changed.retain(|topic| before.get(topic) != self.wanted.get(topic));
+        for topic in before.into_keys() {
+            if !self.wanted.contains_key(&topic) {
+                changed.push(topic.clone());
+                self.old.insert(topic);
+            }
+        }
+        let wanted = &self.wanted;
+        self.old.retain(|topic| !wanted.contains_key(topic));
+        changed
+    }
+
+    /// What changed. Gives back the topics that are to be told.
+    pub(super) fn batch(&mut self, batch: &Batch) -> Vec<String> {
+        let mut changed = Vec::new();
+        self.lines(&batch.lines);
+        for reading in &batch.points {
+            self.point(&reading.status, &mut changed);
+        }
+        self.modules(&batch.modules, &mut changed);
+        self.modules(&batch.figures, &mut changed);
+        changed
+    }
+
+    /// How it goes.
+    pub(super) fn health(&self) -> Map<String, Value> {
+        let online = self
+            .modules
+            .values()
+            .filter(|is_online| **is_online)
+            .count();
+        let health = json!({
+            "lines": self.lines,
+            "modules": { ONLINE: online, OFFLINE: self.modules.len() - online },
+        });
+        match health {
+            Value::Object(health) => health,
+            _ => Map::new(),
+        }
+    }
+
+    fn put(&mut self, topic: String, payload: String, is_sure: bool, changed: &mut Vec<String>) {
+        let payload = payload.into_bytes();
+        let newest = Newest { payload, is_sure };
+        if self.wanted.get(&topic) != Some(&newest) {
+            self.wanted.insert(topic.clone(), newest);
+            changed.push(topic);
+        }
+    }
+
+    fn lines(&mut self, lines: &[LineStatus]) {
+        for line in lines {
+            let info = convert::line(line.clone());
+            self.lines.insert(info.line, json!(info.state));
+        }
+    }
+
+    fn modules(&mut self, modules: &[ModuleStatus], changed: &mut Vec<String>) {
+        for module in modules {
+            if !self.topics.has(&module.name) {
+                continue;
+            }
+            let is_online = module.presence == Presence::Online;
+            self.modules.insert(module.name.clone(), is_online);
+            let word = if is_online { ONLINE } else { OFFLINE };
+            let topic = self.topics.availability(&module.name);
+            self.put(topic, word.to_owned(), true, changed);
+        }
+    }
+
+    fn point(&mut self, status: &PointStatus, changed: &mut Vec<String>) {
+        if !self.topics.has(&status.module) {
+            return;
+        }
+        let topic = |facet| self.topics.point(&status.module, &status.label, facet);
+        let (state, attr) = (topic(Facet::State), topic(Facet::Attr));
+        self.put(state, said(status), true, changed);
+        self.put(attr, attributes(status).to_string(), false, changed);
+    }
+
+    /// What there is.
+    fn info(&self, picture: &Picture) -> Value {
+        let modules = picture.modules.iter();
+        let modules = modules.filter(|module| self.topics.has(&module.name));
+        let points = |module: &str| {
+            let its = picture.points.iter();
+            let its = its.filter(|status| status.module == module);
+            its.map(about).collect::<Vec<_>>()
+        };
+        let modules: Map<String, Value> = modules
+            .map(|module| {
+                let info = json!({
+                    "line": module.line,
+                    "model": module.setup.family.name(),
+                    "area": module.area,
+                    "points": points(&module.name),
+                });
+                (module.name.clone(), info)
+            })
+            .collect();
+        json!({
+            "version": env!("CARGO_PKG_VERSION"),
+            "site": self.site,
+            "modules": modules,
+            "groups": picture.config.groups.keys().collect::<Vec<_>>(),
+            "scenes": picture.config.scenes.keys().collect::<Vec<_>>(),
+        })
+    }
+}
+
+/// What a point is.
+fn about(status: &PointStatus) -> Value {
+    let info = convert::point(status.clone());
+    let mut about = json!({ "label": info.label, "kind": info.kind });
+    if let Value::Object(about) = &mut about {
+        if let Some(unit) = info.unit {
+            about.insert("unit".to_owned(), unit.into());
+        }
+        if !info.name.is_empty() {
+            about.insert("name".to_owned(), json!(info.name));
+        }
+    }
+    about
+}
+
+/// The value of a point, as text. One that is not good is not told.
+fn said(status: &PointStatus) -> String {
+    let value = status
+        .value
+        .filter(|_| status.quality == PointQuality::Good);
+    match value {
+        None => NOT_KNOWN.to_owned(),
+        Some(PointValue::Bool(true)) => "ON".to_owned(),
+        Some(PointValue::Bool(false)) => "OFF".to_owned(),
+        Some(PointValue::Number(number)) => number.to_string(),
+        Some(PointValue::Analog(value, _)) => match &status.range {
+            Some(range) => format!("{value:.*}", usize::from(range.decimals)),
+            None => value.to_string(),
+        },
+    }
+}
+
+/// How good the value is, and when it was read.
+fn attributes(status: &PointStatus) -> Value {
+    let info = convert::point(status.clone());
+    let mut attributes = Map::new();
+    attributes.insert("quality".to_owned(), json!(info.quality));
+    if let Some(reason) = info.reason {
+        attributes.insert("reason".to_owned(), json!(reason));
+    }
+    attributes.insert("time".to_owned(), json!(info.time));
+    attributes.insert("max_age_ms".to_owned(), json!(info.max_age_ms));
+    Value::Object(attributes)
+}
