@@ -98,7 +98,8 @@ class Certificates:
 
 
 class Broker:
-    """mosquitto. `kinds` are `open` for nothing, or some of `tls`, `password`, `client`."""
+    """mosquitto. `kinds` is what it wants: `tls`, `password`, `client` for a certificate; for a
+    `reader` nobody may publish."""
 
     def __init__(self, kinds=(), certificate="broker"):
         self.kinds = set(kinds)
@@ -122,6 +123,10 @@ class Broker:
                       f"keyfile {self.certificates[certificate + '.key']}"]
         if "client" in self.kinds:
             lines.append("require_certificate true")
+        if "reader" in self.kinds:
+            rights = os.path.join(self.folder.name, "rights")
+            pathlib.Path(rights).write_text("topic read railbus/#\n")
+            lines.append(f"acl_file {rights}")
         self.config = os.path.join(self.folder.name, "mosquitto.conf")
         pathlib.Path(self.config).write_text("\n".join(lines) + "\n")
         self.process = None

@@ -541,9 +541,9 @@ MQTT = """
 on connect: info, states, and `online` last
 a dead module: None and offline, never ON
 a dead module: {the others go on,back again}
-another name: nothing is left
+{another name,another site}: nothing is left
 kill -9: offline within 10 s
-SIGSTOP: offline within 10 s
+SIGSTOP: offline within 15 s
 a broker with an empty store
 a removed outlet leaves nothing
 auto: 3.1.1 where 5 is refused
@@ -552,7 +552,7 @@ the test says what the broker is
 a certificate of one's own
 why not: {no broker,a wrong authority,a certificate for another name,TLS where there is none}
 why not: {no TLS where it is wanted,no certificate of one's own,a wrong user,a wrong password}
-why not: a file that is not there
+why not: {a file that is not there,a topic that is not allowed}
 the password is never shown
 """
 

@@ -13,7 +13,8 @@ use hyper::body::Bytes;
 use railbus_api::problem::{Problem, codes};
 use railbus_site::{Events, Follower, News};
 use serde_json::Value;
-use std::pin::pin;
+use std::collections::BTreeMap;
+use std::pin::{Pin, pin};
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
 use tokio::sync::mpsc;
@@ -32,6 +33,9 @@ const LOOK_MAX: Duration = Duration::from_secs(1);
 /// Where many brokers say what they are.
 const BROKER_VERSION: &str = "$SYS/broker/version";
 
+/// When it begins.
+const ZERO: Duration = Duration::ZERO;
+
 /// Why a connection has ended.
 enum Ended {
     /// It is to stop.
@@ -49,11 +53,11 @@ struct Driver {
     /// Commands under way.
     jobs: JoinSet<(Reply, Value)>,
     kept: Kept,
+    /// The topics of what is with the broker, or on its way to it.
+    flying: BTreeMap<u64, String>,
     began: Instant,
     /// The configuration has it no longer.
     is_gone: bool,
-    /// The version that the broker has accepted, as far as it is known.
-    version: Option<Version>,
 }
 
 /// Publishes until it is to stop.
@@ -79,9 +83,9 @@ pub(super) async fn run(outlet: Outlet, events: Events) -> Result<(), Problem> {
         events,
         jobs: JoinSet::new(),
         kept,
+        flying: BTreeMap::new(),
         began: Instant::now(),
         is_gone: false,
-        version: None,
         outlet,
     };
     driver.work().await;
@@ -91,9 +95,10 @@ pub(super) async fn run(outlet: Outlet, events: Events) -> Result<(), Problem> {
 impl Driver {
     async fn work(mut self) {
         // Nothing is told before it is known.
-        if !self.follow().await {
+        let Some(news) = self.site.next().await else {
             return;
-        }
+        };
+        self.node.handle(ZERO, Input::News(&news));
         self.drive(None);
         let stopped = self.outlet.stopped();
         let mut stopped = pin!(stopped);
@@ -102,8 +107,7 @@ impl Driver {
             let begun = Instant::now();
             let connecting = pin!(connected(
                 self.broker(),
-                self.login(Some(self.topics.bridge_state())),
-                self.version
+                self.login(Some(self.topics.bridge_state()))
             ));
             let connection = tokio::select! {
                 () = &mut stopped => return,
@@ -112,8 +116,7 @@ impl Driver {
             let problem = match connection {
                 None => return,
                 Some(Err(problem)) => problem,
-                Some(Ok((version, sender, receiver, limit))) => {
-                    self.version = Some(version);
+                Some(Ok((_, sender, receiver, limit))) => {
                     let end = self
                         .serve((sender, receiver, limit), stopped.as_mut())
                         .await;
@@ -179,7 +182,7 @@ impl Driver {
             },
             Some(end) = self.jobs.join_next() => match end {
                 Ok((reply, result)) => Happened::Input(Input::Ended(reply, result)),
-                // It has panicked; what is not known is not told.
+                // The command is on a task of its own: this one only waits for it.
                 Err(_) => return true,
             },
         };
@@ -214,7 +217,8 @@ impl Driver {
                     let service = self.outlet.service.clone();
                     self.jobs.spawn(async move {
                         let done = ends::carry_out(service, job.order, job.key, job.within);
-                        let result = done.await;
+                        let end = tokio::spawn(done).await;
+                        let result = end.unwrap_or_else(|error| ends::broken(&error));
                         (job.reply, result)
                     });
                 }
@@ -231,6 +235,7 @@ impl Driver {
                             self.node.handle(now, Input::Taken(number, true));
                         }
                         Some((sender, _)) => {
+                            self.flying.insert(number, message.topic.clone());
                             broken = broken.or(sender.publish(number, message).err());
                         }
                         None => {}
@@ -261,12 +266,13 @@ impl Driver {
     async fn serve(
         &mut self,
         (mut sender, mut receiver, limit): (Sender, Receiver, Option<usize>),
-        mut stopped: std::pin::Pin<&mut impl Future<Output = ()>>,
+        mut stopped: Pin<&mut impl Future<Output = ()>>,
     ) -> Ended {
         let (steps, mut heard) = mpsc::channel(WINDOW);
         // One future that is never dropped before its end: what is half sent is sent to its end.
         let dial = receiver.dial();
         let mut pump = pin!(pump(&mut receiver, steps));
+        self.flying.clear();
         self.node.handle(self.began.elapsed(), Input::Connected);
         let (mut ends_by, mut is_refused) = (None, false);
         loop {
@@ -311,7 +317,7 @@ impl Driver {
                     ends_by = Some(Instant::now() + LINGER);
                     self.stop();
                 }
-                is_there = self.follow() => if !is_there && ends_by.is_none() {
+                is_there = self.follow(), if ends_by.is_none() => if !is_there {
                     ends_by = Some(Instant::now() + LINGER);
                     self.node.handle(self.began.elapsed(), Input::Stop { is_gone: false });
                 },
@@ -342,7 +348,8 @@ impl Driver {
             }
             Some(Heard::Taken(number, is_refused)) => {
                 self.node.handle(now, Input::Taken(number, is_refused));
-                is_refused.then(|| self.topics.bridge_state())
+                let topic = self.flying.remove(&number);
+                topic.filter(|_| is_refused)
             }
             Some(Heard::NotSubscribed) => Some(self.topics.commands().join(", ")),
         };
@@ -386,17 +393,16 @@ fn login(outlet: &Outlet, broker: &Broker, will: Option<String>) -> Login {
     }
 }
 
-/// A connection in a version that the broker speaks: this one, or which it is to be found out.
+/// A connection in a version that the broker speaks. Where that has to be found out, it is each
+/// time: a broker that hung up on version 5 once may only have been busy.
 async fn connected(
     broker: Broker,
     login: Login,
-    known: Option<Version>,
 ) -> Result<(Version, Sender, Receiver, Option<usize>), Problem> {
-    let versions: &[Version] = match (broker.spoken, known) {
-        (Spoken::Five, _) => &[Version::Five],
-        (Spoken::ThreeOne, _) => &[Version::ThreeOne],
-        (Spoken::Auto, Some(Version::ThreeOne)) => &[Version::ThreeOne, Version::Five],
-        (Spoken::Auto, _) => &[Version::Five, Version::ThreeOne],
+    let versions: &[Version] = match broker.spoken {
+        Spoken::Five => &[Version::Five],
+        Spoken::ThreeOne => &[Version::ThreeOne],
+        Spoken::Auto => &[Version::Five, Version::ThreeOne],
     };
     let mut first = None;
     for version in versions {
@@ -430,7 +436,7 @@ pub(super) async fn test(outlet: Outlet) -> Result<String, Problem> {
     // The broker would end the connection of the run otherwise.
     login.client_id.push_str("-test");
     let is_tls = broker.is_tls;
-    let (version, sender, mut receiver, _) = connected(broker, login, None).await?;
+    let (version, sender, mut receiver, _) = connected(broker, login).await?;
     let mut words = vec![format!("MQTT {}", version.name())];
     if is_tls {
         words.push("TLS".to_owned());

@@ -65,6 +65,12 @@ pub(super) fn wrong(reason: impl Into<String>) -> Problem {
     Problem::new(codes::BAD_REQUEST).with("reason", reason.into())
 }
 
+/// The result of a command whose task panicked.
+pub(super) fn broken(error: &tokio::task::JoinError) -> Value {
+    let problem = Problem::new(codes::INTERNAL).with("reason", error.to_string());
+    failed(End::Unknown, problem.perhaps_acted(true))
+}
+
 fn failed(end: End, mut problem: Problem) -> Value {
     // Which names there are is in `bridge/info`.
     problem.with.remove("known");
@@ -274,4 +280,116 @@ async fn on_output(
         let problem = failures::problem(service, module, Some(point), &failure);
         (failure, problem)
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::orders::parse;
+    use super::*;
+    use railbus_site::{Config, Rights, Role};
+    use railbus_store::audit::Origin;
+
+    /// A line that can't be opened, so that nothing is ever done.
+    const SITE: &str = "[line.main]\nport = \"/dev/ttyS99\"\n[module.oven]\nline = \"main\"\n\
+        model = \"erc8\"\naddress = 3\n[group.lamps]\nmembers = [\"oven.k1\"]\n\
+        [scene.night]\nsteps = [{ set = \"oven.k2\", to = true }]\n";
+
+    struct Stage {
+        folder: std::path::PathBuf,
+        service: Service,
+    }
+
+    impl Stage {
+        fn new(name: &str, points: &[&str]) -> Stage {
+            let name = format!("railbus-outlet-ends-{}-{name}", std::process::id());
+            let folder = std::env::temp_dir().join(name);
+            std::fs::create_dir_all(&folder).unwrap();
+            let config = Config::parse(SITE).unwrap();
+            let service = Service::start_in(config, &folder).unwrap();
+            let points: Vec<String> = points.iter().map(|point| (*point).to_owned()).collect();
+            let rights = Rights {
+                role: match points.is_empty() {
+                    true => Role::Viewer,
+                    false => Role::Operator,
+                },
+                points: points.into(),
+            };
+            let service = service.on_behalf_of(Origin::program("outlet"), rights);
+            Stage { folder, service }
+        }
+
+        async fn end(&self, target: Target, payload: &str) -> (String, String) {
+            let order = parse(target, payload.as_bytes()).unwrap();
+            let key = order.id.clone();
+            let done = carry_out(self.service.clone(), order, key, Within::DEFAULT);
+            let told = done.await;
+            let word = |key: &str| told[key].as_str().unwrap_or_default().to_owned();
+            (word("end"), word("code"))
+        }
+    }
+
+    impl Drop for Stage {
+        fn drop(&mut self) {
+            let _ = std::fs::remove_dir_all(&self.folder);
+        }
+    }
+
+    fn output(label: &str) -> Target {
+        Target::Output("oven".to_owned(), label.to_owned())
+    }
+
+    fn failed_with(code: &str) -> (String, String) {
+        ("failed".to_owned(), code.to_owned())
+    }
+
+    #[tokio::test]
+    async fn what_is_not_done_is_told_with_its_code() {
+        let stage = Stage::new("codes", &["oven.k1"]);
+        let group = |name: &str| Target::Group(name.to_owned());
+        let scene = |name: &str| Target::Scene(name.to_owned());
+        for (target, payload, code) in [
+            (output("k1"), "ON", "E0710"),
+            (output("k1"), "TOGGLE", "E0710"),
+            (output("k1"), "PULSE 500", "E0710"),
+            (output("k2"), "ON", "E0906"),
+            (output("k2"), "TOGGLE", "E0906"),
+            (output("k2"), "PULSE", "E0906"),
+            (output("k9"), "ON", "E0802"),
+            (
+                Target::Output("nothing".to_owned(), "k1".to_owned()),
+                "ON",
+                "E0801",
+            ),
+            (group("lamps"), "ON", "E0710"),
+            (group("nothing"), "ON", "E0860"),
+            (scene("night"), "RUN", "E0906"),
+            (scene("nothing"), "RUN", "E0861"),
+        ] {
+            let end = stage.end(target.clone(), payload).await;
+            assert_eq!(end, failed_with(code), "{target:?} {payload}");
+        }
+        let reads = Stage::new("reads", &[]);
+        assert_eq!(reads.end(output("k1"), "ON").await, failed_with("E0905"));
+    }
+
+    #[tokio::test]
+    async fn an_id_stands_for_one_command() {
+        let stage = Stage::new("once", &["oven"]);
+        let end = async |payload: &str| stage.end(output("k1"), payload).await;
+        let on = "{\"value\": \"ON\", \"id\": \"a\"}";
+        assert_eq!(end(on).await, failed_with("E0710"));
+        assert_eq!(end(on).await, failed_with("E0710"), "the same again");
+        let off = "{\"value\": \"OFF\", \"id\": \"a\"}";
+        assert_eq!(end(off).await, failed_with("E0806"), "another command");
+    }
+
+    #[test]
+    fn what_was_read_back_otherwise_is_known() {
+        let of = |failure: CommandError| End::of(&failure);
+        assert_eq!(of(CommandError::Line(Fault::NotVerified)), End::Failed);
+        assert_eq!(of(CommandError::Line(Fault::Unknown)), End::Unknown);
+        assert_eq!(of(CommandError::Line(Fault::Expired)), End::Failed);
+        assert_eq!(of(CommandError::NotUndone), End::Unknown);
+        assert_eq!(of(CommandError::Playing), End::Failed);
+    }
 }

@@ -11,7 +11,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::error::Error;
 use std::time::Duration;
 
-/// How often something is heard at least [MQTT §3.1.2.10].
+/// How often something is sent at least (MQTT 5, section 3.1.2.10), in seconds.
 const KEEP_ALIVE_S: u16 = 5;
 /// How long it may take until the broker has accepted the connection.
 pub(super) const CONNECT_MAX: Duration = Duration::from_secs(10);
@@ -152,7 +152,7 @@ pub(super) async fn connect(
     };
     let mut receiver = Receiver { events, dial };
     let connected = tokio::time::timeout(CONNECT_MAX, receiver.accepted()).await;
-    let limit = connected.unwrap_or_else(|_| Err(receiver.broken(&"no answer", false)))?;
+    let limit = connected.unwrap_or_else(|_| Err(receiver.broken(&"no answer", true)))?;
     let numbers = Numbers::default();
     Ok((Sender { client, numbers }, receiver, limit))
 }
@@ -197,7 +197,7 @@ fn three_one(dial: &Dial, login: Login) -> (Client, Loop) {
         let will = v311::LastWill::new(topic, payload, once, true);
         options.set_last_will(will);
     }
-    // A password needs a name in this version [MQTT 3.1.1 §3.1.2.9].
+    // A password needs a name in this version (MQTT 3.1.1, section 3.1.2.9).
     if let Some(name) = login.username {
         match login.password {
             Some(password) => _ = options.set_credentials(name, password),

@@ -491,7 +491,9 @@ impl Node {
         let Some(target) = self.topics.target(&message.topic) else {
             return;
         };
-        if self.is_ending || self.was_here(&message) {
+        // So a topic is cleared that should not have been kept.
+        let clears = message.is_retained && message.payload.is_empty();
+        if self.is_ending || clears || self.was_here(&message) {
             return;
         }
         self.commands += 1;

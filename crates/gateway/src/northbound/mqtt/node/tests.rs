@@ -286,6 +286,11 @@ async fn what_is_no_command_is_refused_and_told() {
         ..set("ON")
     };
     assert_eq!(code(late), "E0106");
+    let clears = Received {
+        is_retained: true,
+        ..set("")
+    };
+    assert_eq!(given(&mut node, clears), (vec![], vec![]), "it is none");
 }
 
 #[tokio::test]
