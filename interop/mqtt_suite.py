@@ -437,7 +437,7 @@ def reasons():
             nobody.close()
             allowed = {**reader.settings(), "version": "5", "site": "plant"}
             s.ask("PUT", "/outlets/mqtt/scada", allowed)
-            found = until(lambda: s.code() == "E0889")
+            found = until(lambda: s.code() == "E0932")
             s.check("why not: a topic that is not allowed", found, True, str(s.code()))
             s.ask("PUT", "/outlets/mqtt/scada", base)
             s.ask("PUT", "/outlets/mqtt/scada/secret", {"secret": PASSWORD + "!"})
