@@ -493,6 +493,10 @@ connections: {eight work,the ninth is closed,a free place}
 half a message: {not at once,closed,more bytes give no more time}
 two masters at once: {pymodbus,libmodbus,pipelined}
 two masters at once: {simulator,API,mbpoll} agree
+TLS, role {gates,bakers,visitor,none,both}: {reads all,nothing else moves}
+TLS, role {gates,bakers}: switches
+TLS: refused, {without a certificate,stranger,TLS 1.1,plain Modbus TCP}
+TLS: role and name in the audit log
 """
 
 # The daemon's Modbus gateway to a line -------------------------------------------------------
