@@ -839,6 +839,11 @@ def as_table(cells):
         "are as good, time decides between them. `-`: see below. Boards of other makers have a",
         "suite of their own, `interop/strangers_suite.py`: they get nothing but reads.",
         "",
+        "The columns of Modbus TCP are what a master is told of units on such a line. They are",
+        "polled, and `right` also says that the master, which read them all the time, was never",
+        "told a value that was not true. What it reads of a silent unit is right until it is too",
+        "old.",
+        "",
         "| row | what happens | asked | " + " | ".join(COLUMNS) + " |",
         "|---" * (3 + len(COLUMNS)) + "|",
     ]

@@ -144,6 +144,7 @@ const WITHOUT_RIGHTS: &[&str] = &[
     "points",
     "points_now",
     "pulses_ended",
+    "read_for_master",
     "read_fresh",
     "rules",
     "run_rules",
