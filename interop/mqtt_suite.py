@@ -249,6 +249,7 @@ def life():
             names(s)
             killed(s)
             restarted(s)
+            frozen(s)
             removed(s)
     finally:
         broker.close()
@@ -361,6 +362,26 @@ def restarted(s):
     s.check(entry, s.order("oven/k1", "ON")["end"], "readback", "a command")
     s.order("oven/k1", "OFF")
     s.check(entry, until(lambda: s.outlet()["state"] == "running"), True, "running")
+
+
+def frozen(s):
+    """The broker does not answer any more, and then does: nothing old is told."""
+    entry = "a frozen broker: the newest value afterwards"
+    s.broker.process.send_signal(signal.SIGSTOP)
+    for value in (1, 0, 1):
+        s.sim.do(f"hall.di1 = {value}")
+        read = until(lambda value=value: s.ask("GET", "/points/hall/di1")["value"] == bool(value))
+        s.check(entry, read, True, "read meanwhile")
+    waits = until(lambda: s.outlet()["state"] == "waiting")
+    s.check(entry, waits, True, "the outlet notices")
+    since = s.watcher.count()
+    s.broker.process.send_signal(signal.SIGCONT)
+    online = until(lambda: "online" in s.watcher.all("railbus/plant/bridge/state", since))
+    s.check(entry, online, True, "online again")
+    s.told(entry, "hall/di1/state", "ON")
+    s.check(entry, s.order("oven/k1", "OFF")["end"], "readback", "a command")
+    s.sim.do("hall.di1 = 0")
+    s.told(entry, "hall/di1/state", "OFF", "afterwards")
 
 
 def removed(s):

@@ -549,6 +549,7 @@ a dead module: {the others go on,back again}
 kill -9: offline within 10 s
 SIGSTOP: offline within 15 s
 a broker with an empty store
+a frozen broker: the newest value afterwards
 a removed outlet leaves nothing
 auto: 3.1.1 where 5 is refused
 version 5 only
