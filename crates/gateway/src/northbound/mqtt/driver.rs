@@ -331,7 +331,8 @@ impl Driver {
     /// It is to end, maybe for good.
     fn stop(&mut self) {
         let config = self.outlet.service.config();
-        self.is_gone = !config.outlets.contains_key(&self.outlet.name);
+        let now = config.outlets.get(&self.outlet.name);
+        self.is_gone = now.is_none_or(|now| now.kind != super::KIND.name);
         let stop = Input::Stop {
             is_gone: self.is_gone,
         };
