@@ -53,7 +53,8 @@ class Certificates:
     def issue(self, name, authority, *extensions):
         """A certificate with these extensions."""
         # Without any extension it would be of version 1.
-        text = "\n".join(("basicConstraints=CA:FALSE", *extensions)) + "\n[several]\na=UTF8String:gates\nb=UTF8String:bakers\n"
+        several = "[several]\na=UTF8String:gates\nb=UTF8String:bakers\n"
+        text = "\n".join(("basicConstraints=CA:FALSE", *extensions, several))
         with open(self.path(name, "ext"), "w", encoding="utf-8") as file:
             file.write(text)
         self.openssl("req", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes",
