@@ -12,7 +12,7 @@ use std::error::Error;
 use std::time::Duration;
 
 /// How often something is sent at least (MQTT 5, section 3.1.2.10), in seconds.
-const KEEP_ALIVE_S: u16 = 5;
+const KEEP_ALIVE_S: u16 = 3;
 /// How long it may take until the broker has accepted the connection: a test that tries both
 /// versions has 15 s.
 pub(super) const CONNECT_MAX: Duration = Duration::from_secs(6);
