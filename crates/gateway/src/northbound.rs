@@ -9,6 +9,7 @@
 mod kind;
 mod modbus;
 mod modbus_line;
+mod modbus_rtu;
 mod modbus_tcp;
 mod mqtt;
 mod network;
@@ -42,6 +43,7 @@ static NORTHBOUND: &[&OutletKind] = &[
     &modbus_tcp::KIND,
     &modbus_line::KIND,
     &mqtt::KIND,
+    &modbus_rtu::KIND,
     #[cfg(test)]
     &textline::KIND,
 ];

@@ -72,6 +72,8 @@ impl Exception {
     pub const VALUE: Exception = Exception(3);
     /// The module failed to execute it.
     pub const FAILURE: Exception = Exception(4);
+    /// The module has accepted it, and needs longer than a master waits.
+    pub const ACKNOWLEDGE: Exception = Exception(5);
     /// The module is busy, or a gateway has too much to do.
     pub const BUSY: Exception = Exception(6);
     /// In the standard a memory parity error; ERC-8 and EMD-2A2Q list it as "CRC error"

@@ -206,24 +206,33 @@ pub fn line_closed(service: &Service, line: &str) -> Problem {
     let Some(status) = service.line(line) else {
         return problem;
     };
-    problem = problem.with("port", status.port);
-    let why = match &status.state {
-        LineState::Absent(why) => &**why,
-        LineState::Opening => return problem.with("reason", "opening"),
-        LineState::Up | LineState::Closed => return problem.with("reason", "closed"),
-    };
-    problem = problem.with("reason", why.name());
+    problem = problem.with("port", status.port.as_str());
+    match &status.state {
+        LineState::Absent(why) => port_closed(problem, &status.port, why),
+        LineState::Opening => problem.with("reason", "opening"),
+        LineState::Up | LineState::Closed => problem.with("reason", "closed"),
+    }
+}
+
+/// Why a port that is no line's can't be used.
+pub fn port_lost(port: &str, why: &PortError) -> Problem {
+    let problem = Problem::new(codes::LINE_CLOSED).with("port", port);
+    port_closed(problem, port, why)
+}
+
+/// The problem with why the port can't be used, by whom, and how to get access.
+fn port_closed(problem: Problem, port: &str, why: &PortError) -> Problem {
+    let problem = problem.with("reason", why.name());
     match why {
         PortError::Busy {
             holder: Some(holder),
         } => problem.with("holder", format!("{} ({})", holder.name, holder.pid)),
         PortError::Permission(access) => {
-            let port = problem.text("port");
             let problem = match &access.group_name {
                 Some(group) => problem.with("group", group.clone()),
                 None => problem,
             };
-            problem.with_hint(right_to(&port, access))
+            problem.with_hint(right_to(port, access))
         }
         _ => problem,
     }

@@ -4,7 +4,7 @@
 use super::kind::{Field, OutletKind, Shape, Work};
 use super::run::Northbound;
 use super::secrets::Secrets;
-use super::supervisor::{Input, OutletCounts, OutletId, RunId};
+use super::supervisor::{Input, OutletCounts, OutletId, RunId, Supervised};
 use crate::access::secret::Secret;
 use jiff::Timestamp;
 use railbus_api::outlets::OutletError;
@@ -95,6 +95,15 @@ impl Outlet {
             via: format!("{} {client}", self.kind.name),
         };
         self.service.on_behalf_of(origin, rights)
+    }
+
+    /// Looks at how the run of this outlet does, for a test beside it; none if there is none.
+    pub(crate) fn look<T>(&self, look: impl FnOnce(&Supervised) -> T) -> Option<T> {
+        let id = OutletId {
+            kind: self.kind.name,
+            name: self.name.clone(),
+        };
+        self.report.to.upgrade()?.look(&id, look)
     }
 
     /// Its secret, as it is now.

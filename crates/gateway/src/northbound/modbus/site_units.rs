@@ -70,6 +70,15 @@ impl SiteUnits {
         self.state.borrow().problem.is_none()
     }
 
+    /// Reports how it does as far as its units go, after something else has failed and works.
+    pub(crate) fn tell(&self) {
+        let problem = self.state.borrow().problem.clone();
+        match problem {
+            Some(problem) => self.report.failed(problem, 1, None),
+            None => self.report.worked(),
+        }
+    }
+
     /// Takes over what happened at the site.
     pub(crate) fn take(&self, news: &News) {
         match news {
