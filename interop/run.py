@@ -77,11 +77,12 @@ def daemons(words):
     """The same for suites with a daemon of their own, which takes a module that the machine does
     not get round to for a silent one: not together with all the others."""
     import modbus_line_suite
+    import modbus_rtu_suite
     import modbus_security_suite
     import modbus_tcp_suite
     import mqtt_suite
 
-    return chosen((modbus_tcp_suite, modbus_security_suite, modbus_line_suite,
+    return chosen((modbus_tcp_suite, modbus_security_suite, modbus_rtu_suite, modbus_line_suite,
                    mqtt_suite), words)
 
 

@@ -561,6 +561,22 @@ why not: {a file that is not there,a topic that is not allowed}
 the password is never shown
 """
 
+# The daemon's Modbus RTU slave, in front of the same modules ----------------------------------
+
+MODBUS_RTU_SLAVE = """
+{hall,gate,door,oven,tank,yard} by {pymodbus,libmodbus,mbpoll}: read
+{hall,gate,door,oven,tank,yard} by {pymodbus,libmodbus,mbpoll}: switched and read back
+inputs and registers by {pymodbus,libmodbus,mbpoll}
+no module by {pymodbus,libmodbus,mbpoll}: silence
+a broadcast: {silence,nothing moves}
+rights by {pymodbus,libmodbus,mbpoll}: nothing moves
+a dead module by {pymodbus,libmodbus,mbpoll}: {0B,others go on,good again}
+a dead module by {pymodbus,libmodbus}: no success
+a slow write: {05,another is refused,its end is told}
+an adapter that echoes: {read,switched once}
+a PLC and SCADA at the same time
+"""
+
 TABLES = {
     "ERC-8": ERC8,
     "ERC-8 switches": ERC8_SWITCHES,
@@ -579,6 +595,7 @@ TABLES = {
     "Modbus TCP": MODBUS_TCP,
     "Modbus gateway to a line": MODBUS_LINE,
     "MQTT": MQTT,
+    "Modbus RTU slave": MODBUS_RTU_SLAVE,
 }
 
 
