@@ -41,9 +41,9 @@ use supervisor::OutletId;
 static NORTHBOUND: &[&OutletKind] = &[
     &webhook::KIND,
     &modbus_tcp::KIND,
+    &modbus_rtu::KIND,
     &modbus_line::KIND,
     &mqtt::KIND,
-    &modbus_rtu::KIND,
     #[cfg(test)]
     &textline::KIND,
 ];
