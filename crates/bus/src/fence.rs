@@ -7,7 +7,7 @@
 //! will.
 
 use crate::ghost::{Ghost, names};
-use crate::in_flight::{InFlight, Job};
+use crate::in_flight::{InFlight, Job, Probe};
 use crate::module_state::{HELD_BACK_MAX, LATE_MIN, ModuleState};
 use crate::{Bus, ModuleId, Presence};
 use railbus_device::Op;
@@ -142,9 +142,22 @@ impl Bus {
         }
     }
 
+    /// The module of the line that a probe is taken to be for.
+    pub(crate) fn addressee(&self, probe: &Probe) -> Option<ModuleId> {
+        let is_it = |state: &ModuleState| {
+            let setup = state.module.setup();
+            !state.retired
+                && setup.address == probe.exchange.address()
+                && setup.protocol == probe.exchange.protocol()
+                && setup.serial == probe.settings
+        };
+        let found = self.modules.iter().position(is_it);
+        found.filter(|_| probe.as_module).map(ModuleId)
+    }
+
     /// The request becomes a ghost: its reply may still come.
     pub(crate) fn add_ghost(&mut self, flight: &InFlight) {
-        let module = flight.job.module();
+        let module = flight.job.addressee();
         let state = module.and_then(|id| self.modules.get(id.0));
         let late = flight.sent + state.map_or(LATE_MIN, ModuleState::late_max);
         // If nothing can end it early, it must not block the line for long.

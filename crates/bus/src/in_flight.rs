@@ -27,6 +27,8 @@ pub(crate) enum Job {
     Probe {
         /// A lone CR is sent before it.
         clear: bool,
+        /// The module of the line that it is taken to be for ([`super::Probe::as_module`]).
+        addressee: Option<ModuleId>,
     },
 }
 
@@ -40,6 +42,14 @@ impl Job {
             | Job::Fence { module, .. }
             | Job::ReadBack { module } => Some(*module),
             Job::Probe { .. } => None,
+        }
+    }
+
+    /// The module whose reply is awaited, as far as that is known.
+    pub(crate) const fn addressee(&self) -> Option<ModuleId> {
+        match self {
+            Job::Probe { addressee, .. } => *addressee,
+            other => other.module(),
         }
     }
 
@@ -133,12 +143,15 @@ pub struct Probe {
     pub clear: bool,
     /// It may change something: everything known of the modules is read again after it.
     pub changes: bool,
+    /// Where a module of the line has its address and settings, it is asked as if by a poll: no
+    /// second module is expected to answer, and a missing reply is that module's.
+    pub as_module: bool,
 }
 
 /// Writes the frame of an exchange as it is sent for a job.
 pub(crate) fn write_frame(job: &Job, exchange: &Exchange<'_>, out: &mut Frame) {
     exchange.encode(out);
-    if let Job::Probe { clear: true } = job {
+    if let Job::Probe { clear: true, .. } = job {
         let bare = out.clone();
         out.clear();
         // A probe is far shorter than the longest frame.

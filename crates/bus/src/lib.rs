@@ -548,10 +548,8 @@ impl Bus {
         }
         let is_own = self.is_own(flight, in_order);
         self.take_late_replies();
-        // Two modules with the same address both answer a probe. At the address of a module that
-        // is polled that would have shown already.
-        let is_search = matches!(flight.job, Job::Probe { .. }) && !self.is_online(flight);
-        if self.rx.is_cautious() || is_search {
+        // Two modules with the same address both answer a probe.
+        if self.rx.is_cautious() || self.may_have_twins(&flight.job) {
             let until = self.now + self.config.duplicate_window;
             let module = flight.job.module();
             let ghost = Ghost {
@@ -588,15 +586,17 @@ impl Bus {
         self.end_if_left(flight);
     }
 
-    /// Whether a request was for a module of the line that answers its polls.
-    fn is_online(&self, flight: &InFlight) -> bool {
-        self.modules.iter().any(|state| {
-            let setup = state.module.setup();
-            setup.address == flight.exchange.address()
-                && setup.protocol == flight.exchange.protocol()
-                && state.published_presence() == Presence::Online
-                && state.plan.enabled
-        })
+    /// Whether two modules may answer this: a probe does not say which, unless the module there is
+    /// polled, where two would have been heard.
+    fn may_have_twins(&self, job: &Job) -> bool {
+        let Job::Probe { addressee, .. } = job else {
+            return false;
+        };
+        let state = addressee.and_then(|id| self.modules.get(id.0));
+        let is_polled = |state: &ModuleState| {
+            state.plan.enabled && state.published_presence() == Presence::Online
+        };
+        !state.is_some_and(is_polled)
     }
 
     /// Whether the reply just received may belong to a killed process that had the port before:

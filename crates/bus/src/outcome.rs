@@ -46,7 +46,16 @@ impl Bus {
                 state.answered_pulses();
             }
         }
-        if !is_claim && !matches!(seen, Observation::Done | Observation::Refused(_)) {
+        let told = match seen {
+            Observation::Done | Observation::Refused(_) => None,
+            // The inputs beside such a claim were read.
+            Observation::Channels { inputs, .. } if is_claim => {
+                let outputs = Bank::new(0, 0);
+                (inputs.mask != 0).then_some(Observation::Channels { outputs, inputs })
+            }
+            seen => Some(seen),
+        };
+        if let Some(seen) = told {
             let (asked, heard) = (flight.asked, self.now);
             self.events.push(Event::Seen {
                 module,

@@ -351,7 +351,9 @@ impl Bus {
             self.ask_as_fence(module, &mut work);
         }
         let blocked_until = match work.job {
-            Job::Probe { .. } => self.ghosts.late_until(&work.exchange, self.now),
+            Job::Probe {
+                addressee: None, ..
+            } => self.ghosts.late_until(&work.exchange, self.now),
             // Commands for a silent module do not wait for what it may never answer.
             Job::Command { module, .. } | Job::ReadBack { module } if self.is_silent(module) => {
                 self.ghosts.late_until(&work.exchange, self.now)
@@ -393,7 +395,7 @@ impl Bus {
     /// Takes the fence that this work waits for, if there is one.
     #[cold]
     fn offer_fence(&self, search: &mut Search, blocked: &Work) -> bool {
-        let (Some(module), false) = (blocked.job.module(), self.ghosts.are_full()) else {
+        let (Some(module), false) = (blocked.job.addressee(), self.ghosts.are_full()) else {
             return false;
         };
         if let Job::Fence { .. } = blocked.job {
@@ -611,7 +613,10 @@ impl Bus {
             return false;
         }
         let work = Work {
-            job: Job::Probe { clear: probe.clear },
+            job: Job::Probe {
+                clear: probe.clear,
+                addressee: self.addressee(&probe),
+            },
             exchange: probe.exchange,
             settings: probe.settings,
             gap: probe.gap,
@@ -623,7 +628,8 @@ impl Bus {
 
     /// Whether modules of another protocol on this line could take the frame for a command.
     fn is_unsafe(&self, exchange: &Exchange<'_>) -> bool {
-        self.is_unsafe_for(&Job::Probe { clear: false }, exchange)
+        let (clear, addressee) = (false, None);
+        self.is_unsafe_for(&Job::Probe { clear, addressee }, exchange)
     }
 
     /// The same for the frame as it is sent for a job.

@@ -523,6 +523,7 @@ fn replies_to_a_probe_that_is_over_are_told_of() {
         timeout: Micros::ZERO,
         clear: true,
         changes: false,
+        as_module: false,
     };
     let reply = b"!019060\r";
     for (at, again) in [(60, false), (7, true)] {

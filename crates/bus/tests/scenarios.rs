@@ -96,7 +96,7 @@ enum Action {
     Bytes(Vec<u8>),
     Power(usize, bool),
     Submit(usize, Op, String, Terms, Option<Micros>),
-    Probe(usize, Op, Micros),
+    Probe(usize, Op, Micros, bool),
 }
 
 struct Scenario {
@@ -286,7 +286,7 @@ impl Scenario {
             "close" => Action::Close,
             "bytes" => Action::Bytes(hex(rest)),
             "dies" | "wakes" => Action::Power(self.module(rest), word == "wakes"),
-            "submit" | "probe" => {
+            "submit" | "probe" | "master" => {
                 let mut terms = Terms::default();
                 let (mut ttl, mut timeout) = (None, millis(100));
                 let mut words: Vec<&str> = rest.split_whitespace().collect();
@@ -307,10 +307,9 @@ impl Scenario {
                 });
                 let module = self.module(words[0]);
                 let op = op(&words[1..]);
-                if word == "probe" {
-                    Action::Probe(module, op, timeout)
-                } else {
-                    Action::Submit(module, op, words[1..].join(" "), terms, ttl)
+                match word {
+                    "submit" => Action::Submit(module, op, words[1..].join(" "), terms, ttl),
+                    word => Action::Probe(module, op, timeout, word == "master"),
                 }
             }
             _ => panic!("at … {text}"),
@@ -426,7 +425,7 @@ impl Scenario {
                 }
                 self.drive.touched();
             }
-            Action::Probe(module, op, timeout) => {
+            Action::Probe(module, op, timeout, as_module) => {
                 let setup = *self.modules[module].setup();
                 let exchange = self.modules[module].exchange(&op).expect("an exchange");
                 let probe = Probe {
@@ -436,6 +435,7 @@ impl Scenario {
                     timeout,
                     clear: false,
                     changes: !op.is_read(),
+                    as_module,
                 };
                 let taken = self.drive.bus.submit_probe(now, probe);
                 self.note("call", &format!("probe -> {taken}"));

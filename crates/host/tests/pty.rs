@@ -518,6 +518,7 @@ fn probe(address: u8) -> Probe {
         timeout: Micros::from_millis(100),
         clear: false,
         changes: false,
+        as_module: false,
     }
 }
 

@@ -40,7 +40,9 @@ use railbus_host::{
     Fault, Line, LineName, LineOptions, NameError, PortError, Probe, ProbeResult, Tap,
 };
 use railbus_store::audit::{Audit, Entry, Origin};
-use railbus_wire::{Exchange, Instant, Micros, REPLY_TIMEOUT, SerialSettings};
+use railbus_wire::{
+    Exchange, Frame, Instant, Micros, Protocol, REPLY_TIMEOUT, SerialSettings, foreign_command,
+};
 use record::Journal;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -347,7 +349,8 @@ impl Service {
     /// configuration to say.
     ///
     /// # Errors
-    /// [`Fault::Unsupported`] if it may change something; [`CommandError::NoSuchLine`],
+    /// [`Fault::Unsupported`] if it may change something, or a module of another protocol could
+    /// take it for a command; [`CommandError::NoSuchLine`],
     /// [`CommandError::Lent`], or what the line reported.
     pub async fn read_for_master(
         &self,
@@ -355,11 +358,16 @@ impl Service {
         exchange: Exchange<'static>,
         terms: RawTerms,
     ) -> Result<ProbeResult, CommandError> {
-        if Risk::of(&exchange) != Risk::Read {
+        let mut frame = Frame::new();
+        exchange.encode(&mut frame);
+        // Also where no module of such a protocol is configured: there may be one.
+        let hidden = foreign_command(frame.bytes(), exchange.protocol(), Protocol::ALL);
+        if Risk::of(&exchange) != Risk::Read || hidden.is_some() {
             return Err(Fault::Unsupported.into());
         }
         let (handle, probe) = self.probe_of(line, exchange, terms)?;
-        Ok(handle.probe(probe).await?)
+        let as_module = true;
+        Ok(handle.probe(Probe { as_module, ..probe }).await?)
     }
 
     /// A line, and a raw frame for it.
@@ -381,6 +389,7 @@ impl Service {
             timeout: terms.timeout.unwrap_or(RAW_TIMEOUT),
             clear: terms.clear,
             changes: false,
+            as_module: false,
         };
         Ok((handle, probe))
     }

@@ -79,6 +79,7 @@ async fn reply_to(
         timeout: PATIENCE,
         clear: false,
         changes: false,
+        as_module: false,
     };
     let result = line.probe(probe).await.ok()?;
     Some((exchange, result.bytes))

@@ -328,6 +328,7 @@ impl ScanProbe {
             timeout: patience,
             clear: self.clears(),
             changes: false,
+            as_module: false,
         })
     }
 

@@ -71,6 +71,7 @@ impl<'c> OwnLine<'c> {
             timeout,
             clear: false,
             changes: Risk::of(&exchange) > Risk::Read,
+            as_module: false,
         };
         let acts = probe.changes;
         let met = self.line.probe(probe).await;
