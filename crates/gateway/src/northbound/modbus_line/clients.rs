@@ -63,6 +63,11 @@ impl Clients {
         }
     }
 
+    /// How many are served.
+    pub(super) fn len(&self) -> usize {
+        self.tasks.len()
+    }
+
     fn may_connect(&self, stream: &TcpStream, from: IpAddr) -> bool {
         // Also over an address of its own.
         let own = stream.local_addr().map(|at| at.ip().to_canonical());

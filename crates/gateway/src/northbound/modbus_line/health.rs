@@ -1,7 +1,8 @@
 //! How long a unit is waited for, and when one that did not answer is asked again.
 //!
 //! A unit that does not answer costs all others its timeout. So from its second silence on it is
-//! asked only now and then, and its requests get the same answer meanwhile. The units that don't
+//! asked only now and then, and its requests get the same answer meanwhile. One that the site hears
+//! may only not answer what it is asked for: it is asked again as soon as it may be. The units that don't
 //! answer have a fortieth of the time together, as long as there are few: each is asked every ten
 //! seconds at least.
 //!
@@ -39,8 +40,12 @@ struct Unit {
     from: Duration,
     /// When a master last asked for it.
     wanted: Duration,
+    /// When it last did not answer.
+    missed: Duration,
     /// The site does not hear it.
     is_lost: bool,
+    /// The site hears it: it may only not answer what it was asked for.
+    is_heard: bool,
 }
 
 /// What is known of all units.
@@ -70,6 +75,7 @@ impl Health {
             return Turn::Now;
         };
         known.wanted = now;
+        known.is_heard = is_online == Some(true);
         match (is_online, known.is_lost) {
             (Some(false), false) => {
                 (known.is_lost, known.misses) = (true, known.misses.max(SILENT));
@@ -80,9 +86,13 @@ impl Health {
             (_, true) => (known.is_lost, known.misses) = (false, 0),
             (_, false) => {}
         }
-        match known.misses == 0 || known.from <= now {
+        let from = match known.is_heard {
+            true => known.from.min(known.missed + LATE),
+            false => known.from,
+        };
+        match known.misses == 0 || from <= now {
             true => Turn::Now,
-            false if known.misses < SILENT => Turn::From(known.from),
+            false if known.misses < SILENT || known.is_heard => Turn::From(from),
             false => Turn::Silent,
         }
     }
@@ -112,7 +122,7 @@ impl Health {
         let cost = Duration::from_micros(self.timeout(unit).0);
         let known = self.units.entry(unit).or_default();
         known.misses = known.misses.saturating_add(1);
-        known.from = now + LATE;
+        (known.missed, known.from) = (now, now + LATE);
         if known.misses < SILENT {
             return;
         }
@@ -128,7 +138,7 @@ impl Health {
     /// Whether it is not waited for any more.
     pub(super) fn is_silent(&self, unit: u8) -> bool {
         let known = self.units.get(&unit);
-        known.is_some_and(|known| known.misses >= SILENT)
+        known.is_some_and(|known| known.misses >= SILENT && !known.is_heard)
     }
 }
 
@@ -220,13 +230,28 @@ mod tests {
         );
     }
 
+    /// It may not answer one request, and all others: these are not refused for it.
+    #[test]
+    fn a_unit_that_the_site_hears_is_asked_again() {
+        let mut health = Health::default();
+        let heard = Some(true);
+        for nth in 0..10 {
+            let now = 600 * nth;
+            assert_eq!(health.turn(at(now), 3, heard), Turn::Now);
+            health.missed(at(now), 3);
+            assert!(!health.is_silent(3));
+            assert_eq!(health.turn(at(now), 3, heard), Turn::From(at(now + 500)));
+        }
+        health.answered(3, Micros::from_millis(5));
+        assert_eq!(health.turn(at(5_401), 3, heard), Turn::Now);
+    }
+
     #[test]
     fn a_unit_that_answers_late_is_asked_at_once() {
         let mut health = Health::default();
         health.missed(at(0), 3);
         health.missed(at(600), 3);
-        // That the site hears it says nothing: it did so before.
-        assert_eq!(health.turn(at(700), 3, Some(true)), Turn::Silent);
+        assert_eq!(health.turn(at(700), 3, None), Turn::Silent);
         health.answered(3, Micros::from_millis(120));
         assert_eq!(health.turn(at(700), 3, None), Turn::Now);
     }

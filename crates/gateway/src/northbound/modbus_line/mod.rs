@@ -29,6 +29,7 @@ use super::kind::{Field, OutletKind, Pair, Shape};
 /// A Modbus gateway to one line.
 pub(super) static KIND: OutletKind = OutletKind {
     notes: NOTES,
+    has_clients: true,
     check: settings::check,
     ..OutletKind::new(
         "modbus_line",

@@ -2,7 +2,7 @@
 //! the site out, then answers.
 //!
 //! The line takes one read at a time, of the client that had its last one the longest ago. Equal
-//! reads that wait or are under way are one. Of one client, requests to a unit wait behind its
+//! reads that wait are one. Of one client, requests to a unit wait behind its
 //! writes to that unit, and a write behind all others; those to other units don't.
 
 use super::health::{Health, Turn};
@@ -28,6 +28,8 @@ type RequestId = u64;
 pub(super) struct Site<'s> {
     /// The configuration in force.
     pub(super) config: &'s Arc<Config>,
+    /// Whether the line has its port.
+    pub(super) is_up: bool,
     /// Whether the site hears a module; none if it has not tried.
     pub(super) is_online: &'s dyn Fn(&str) -> Option<bool>,
 }
@@ -116,8 +118,6 @@ struct Wanted {
     pdu: Vec<u8>,
     exchange: Exchange<'static>,
     askers: Vec<(ClientId, RequestId)>,
-    /// How many writes there had been when it was sent.
-    writes: u64,
 }
 
 /// The gateway to a line.
@@ -132,8 +132,6 @@ pub(super) struct Passage {
     health: Health,
     requests: RequestId,
     turns: u64,
-    /// How many writes have ended: a read that was sent before one does not show its effect.
-    writes: u64,
     outputs: Vec<Output>,
     /// When the line is to be looked at again.
     again: Option<Duration>,
@@ -152,7 +150,6 @@ impl Passage {
             health: Health::default(),
             requests: 0,
             turns: 0,
-            writes: 0,
             outputs: Vec::new(),
             again: None,
             answered: Answered::default(),
@@ -234,7 +231,6 @@ impl Passage {
 
     /// A command has ended.
     pub(super) fn write_ended(&mut self, write: &ClientWrite, end: Result<(), &CommandError>) {
-        self.writes += 1;
         match end {
             Ok(()) => {
                 let asked = self.pending(write.client, write.request);
@@ -320,13 +316,9 @@ impl Passage {
         pdu: Vec<u8>,
         exchange: Exchange<'static>,
     ) {
-        let writes = self.writes;
+        // Not one under way: it may have begun before what this client knows of.
+        let mut known = self.waiting.iter_mut();
         let is_equal = |wanted: &&mut Wanted| wanted.unit == unit && wanted.pdu == pdu;
-        let flight = self
-            .flight
-            .as_mut()
-            .filter(|wanted| wanted.writes == writes);
-        let mut known = flight.into_iter().chain(&mut self.waiting);
         match known.find(is_equal) {
             Some(wanted) => wanted.askers.push(asker),
             None => self.waiting.push(Wanted {
@@ -334,7 +326,6 @@ impl Passage {
                 pdu,
                 exchange,
                 askers: vec![asker],
-                writes: 0,
             }),
         }
     }
@@ -347,7 +338,12 @@ impl Passage {
             for (at, wanted) in self.waiting.iter().enumerate() {
                 let module = verdict::module_at(site.config, &self.line, wanted.unit);
                 let is_online = module.and_then(|(name, _)| (site.is_online)(name));
-                match self.health.turn(now, wanted.unit, is_online) {
+                let turn = match site.is_up {
+                    true => self.health.turn(now, wanted.unit, is_online),
+                    // The line says why.
+                    false => Turn::Now,
+                };
+                match turn {
                     Turn::Now => {
                         let served = |(asker, _): &(ClientId, RequestId)| {
                             self.clients.get(asker).map_or(u64::MAX, |one| one.served)
@@ -371,8 +367,7 @@ impl Passage {
             let Some((_, at)) = best else {
                 return;
             };
-            let mut wanted = self.waiting.remove(at);
-            wanted.writes = self.writes;
+            let wanted = self.waiting.remove(at);
             self.turns += 1;
             for (asker, _) in &wanted.askers {
                 if let Some(client) = self.clients.get_mut(asker) {

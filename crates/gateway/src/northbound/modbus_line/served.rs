@@ -277,5 +277,12 @@ async fn what_another_module_would_obey_is_not_sent() {
     let mut reads = (0..=255).flat_map(|low| (1..=200).map(move |count| [1, 0x12, low, 0, count]));
     let found = reads.find(|pdu| is_command(pdu)).unwrap();
     assert_eq!(ask(&mut master, 85, &found).await, [0x81, 1]);
+    // The site refuses it before the line sees it: also where no such board is configured.
+    let mut frame = [&[85][..], &found].concat();
+    frame.extend(railbus_wire::crc16(&frame).to_le_bytes());
+    let read = railbus_commission::request(railbus_wire::Protocol::Rtu, &frame).unwrap();
+    let terms = RawTerms::default();
+    let end = served.service.read_for_master("main", read, terms).await;
+    assert_eq!(end, Err(Fault::Unsupported.into()));
     served.northbound.close().await;
 }

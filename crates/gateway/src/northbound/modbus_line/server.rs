@@ -77,6 +77,7 @@ async fn serve(outlet: Outlet) -> Result<(), Problem> {
     let mut count = 0;
     outlet.report.ready();
     loop {
+        shared.report.counts().clients.store(clients.len(), Relaxed);
         let deadline = shared.passage.borrow().deadline();
         let due = async {
             match deadline {
@@ -121,6 +122,7 @@ impl Shared {
         };
         let site = Site {
             config: &config,
+            is_up,
             is_online: &is_online,
         };
         let passage = &mut *self.passage.borrow_mut();

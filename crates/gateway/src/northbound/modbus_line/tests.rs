@@ -58,6 +58,7 @@ impl Stage {
         let is_online = |_: &str| self.is_online.get();
         let site = Site {
             config: &self.config,
+            is_up: true,
             is_online: &is_online,
         };
         work(&mut self.passage, &site)
@@ -254,11 +255,16 @@ fn a_command_that_was_not_done_is_never_told_as_done() {
 #[test]
 fn equal_reads_are_one() {
     let mut stage = Stage::new();
-    let first = stage.ask(A, 3, &COIL);
+    let early = stage.ask(B, 5, &[3, 0, 6, 0, 2]);
     let read = stage.read();
+    let first = stage.ask(A, 3, &COIL);
     let second = stage.ask(B, 3, &COIL);
     let third = stage.ask(A, 3, &COIL);
     let other = stage.ask(B, 3, &COILS);
+    let volts = [3, 4, 0, 1, 0, 2];
+    stage.end(&read, Some(&volts));
+    assert_eq!(stage.answers(B), [(early, 5, volts.to_vec())]);
+    let read = stage.read();
     stage.end(&read, Some(&IS_ON));
     let answer = |transaction| (transaction, 3, IS_ON.to_vec());
     assert_eq!(stage.answers(A), [answer(first), answer(third)]);
@@ -267,6 +273,21 @@ fn equal_reads_are_one() {
     stage.end(&read, Some(&[1, 1, 255]));
     assert_eq!(stage.answers(B), [(other, 3, vec![1, 1, 255])]);
     assert_eq!(stage.poll(), []);
+}
+
+/// Whatever happened since one was sent, by whomever, it may not show it.
+#[test]
+fn a_read_is_not_one_that_was_sent_before() {
+    let mut stage = Stage::new();
+    let first = stage.ask(A, 3, &COIL);
+    let before = stage.read();
+    let second = stage.ask(B, 3, &COIL);
+    stage.end(&before, Some(&[1, 1, 0]));
+    assert_eq!(stage.answers(A), [(first, 3, vec![1, 1, 0])]);
+    assert_eq!(stage.answers(B), []);
+    let read = stage.read();
+    stage.end(&read, Some(&IS_ON));
+    assert_eq!(stage.answers(B), [(second, 3, IS_ON.to_vec())]);
 }
 
 /// A read that was sent before a write ended does not show its effect.

@@ -26,6 +26,8 @@ use x509_parser::parse_x509_certificate;
 
 /// A client has so long to show who it is.
 const HANDSHAKE_MAX: Duration = Duration::from_secs(10);
+/// So much that is encrypted may wait for the socket, in bytes.
+const UNSENT_MAX: usize = 8 * 1024;
 /// The largest file of certificates or of a key.
 const FILE_MAX: u64 = 256 * 1024;
 /// How much of a client's name there is in logs, in characters.
@@ -96,7 +98,12 @@ impl Security {
         let shaken = timeout(HANDSHAKE_MAX, async {
             match stream.peek(&mut [0]).await {
                 Ok(0) => Ok(None),
-                Ok(_) => self.acceptor.accept(stream).await.map(Some),
+                Ok(_) => {
+                    let mut stream = self.acceptor.accept(stream).await?;
+                    // A client that takes its answers slowly is seen to take some.
+                    stream.get_mut().1.set_buffer_limit(Some(UNSENT_MAX));
+                    Ok(Some(stream))
+                }
                 Err(error) => Err(error),
             }
         });

@@ -6,7 +6,7 @@ use super::security::Security;
 use super::stream::Answers;
 use crate::northbound::modbus::request::{GATEWAY, WriteEnd};
 use crate::northbound::modbus::site_units::SiteUnits;
-use crate::northbound::network;
+use crate::northbound::network::{self, Network};
 use crate::northbound::outlet::Outlet;
 use railbus_api::problem::Problem;
 use railbus_site::Service;
@@ -108,10 +108,8 @@ async fn serve(outlet: Outlet) -> Result<(), Problem> {
             accepted = listener.accept(), if accepts => match accepted {
                 Ok((stream, from)) => {
                     let from = from.ip().to_canonical();
-                    // Also over an address of its own.
                     let own = stream.local_addr().map(|at| at.ip().to_canonical());
-                    let is_here = from.is_loopback() || own.is_ok_and(|own| own == from);
-                    let may = is_here || allowed.iter().any(|net| net.contains(from));
+                    let may = may_connect(from, own.ok(), &allowed, door.security.is_some());
                     let here = addresses.values().filter(|address| **address == from);
                     if may && clients.len() < CLIENTS_MAX && here.count() < PER_ADDRESS_MAX {
                         let client = admit(Rc::clone(&door), from, stream);
@@ -127,6 +125,15 @@ async fn serve(outlet: Outlet) -> Result<(), Problem> {
             () = sleep_until(accepts_at), if !accepts => {}
         }
     }
+}
+
+/// Whether a client at this address may connect to one of our own. Where certificates are asked
+/// for, everybody may unless networks are named.
+fn may_connect(from: IpAddr, own: Option<IpAddr>, allowed: &[Network], asks: bool) -> bool {
+    // Of this machine, also over an address of its own.
+    let is_here = from.is_loopback() || own == Some(from);
+    let is_open = asks && allowed.is_empty();
+    is_here || is_open || allowed.iter().any(|network| network.contains(from))
 }
 
 /// Serves one client as what it is, until it goes, or is to go.
@@ -380,6 +387,35 @@ async fn identified(listen: SocketAddr) -> io::Result<String> {
         }
         if stream.read_buf(&mut received).await? == 0 {
             return Err(io::ErrorKind::UnexpectedEof.into());
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn others_may_connect_where_they_are_named_or_certificates_are_asked_for() {
+        let address = |text: &str| text.parse::<IpAddr>().unwrap();
+        let (far, own) = (address("10.0.0.5"), Some(address("10.0.0.1")));
+        let named = [Network::parse("10.0.0.0/24").unwrap()];
+        let other = [Network::parse("192.168.1.0/24").unwrap()];
+        for (allowed, asks, may) in [
+            (&[][..], false, false),
+            (&[][..], true, true),
+            (&named[..], false, true),
+            (&named[..], true, true),
+            (&other[..], false, false),
+            (&other[..], true, false),
+        ] {
+            assert_eq!(
+                may_connect(far, own, allowed, asks),
+                may,
+                "{allowed:?} {asks}"
+            );
+            assert!(may_connect(address("127.0.0.1"), own, allowed, asks));
+            assert!(may_connect(address("10.0.0.1"), own, allowed, asks));
         }
     }
 }
