@@ -83,10 +83,15 @@ fn ask<T>(
 /// The outlet of this name; `KIND/NAME` where two kinds have one.
 async fn find(daemon: &DaemonClient, name: &str) -> Result<OutletInfo, Problem> {
     let all = daemon.outlets().await?;
-    let is_it =
-        |one: &OutletInfo| one.outlet == name || format!("{}/{}", one.kind, one.outlet) == name;
-    let known: Vec<String> = all.iter().map(|one| one.outlet.clone()).collect();
-    all.into_iter().find(is_it).ok_or_else(|| {
+    let whole = |one: &OutletInfo| format!("{}/{}", one.kind, one.outlet);
+    let is_it = |one: &&OutletInfo| one.outlet == name || whole(one) == name;
+    let mut found = all.iter().filter(is_it);
+    let one = match (found.next(), found.next()) {
+        (Some(one), None) => Some(one.clone()),
+        _ => None,
+    };
+    one.ok_or_else(|| {
+        let known: Vec<String> = all.iter().map(whole).collect();
         let problem = Problem::new(codes::NO_SUCH_OUTLET).with("name", name);
         problem
             .with("known", known)

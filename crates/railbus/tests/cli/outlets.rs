@@ -15,7 +15,8 @@ fn integrations_are_listed_tried_and_mapped() {
     let mut site = Site::empty("outlets");
     site.configure(&format!(
         "{SITE}[outlet.scada]\ntype = \"modbus_tcp\"\nlisten = \"{at}\"\n\
-         [outlet.spare]\ntype = \"modbus_tcp\"\nlisten = \"{at}\"\nenabled = false\n"
+         [outlet.spare]\ntype = \"modbus_tcp\"\nlisten = \"{at}\"\nenabled = false\n\
+         [webhook.spare]\nurl = \"http://127.0.0.1:9/hook\"\n"
     ));
     site.serve();
     let socket = site.socket();
@@ -44,12 +45,16 @@ fn integrations_are_listed_tried_and_mapped() {
     let csv = run("outlet map scada -o csv --lang en").out;
     assert!(csv.starts_with("Unit,Module,Point,Table,"), "{csv}");
     assert!(csv.contains("\n3,oven,k1,coil,60,"), "{csv}");
+    // Two kinds have one of this name.
+    let either = run("outlet map spare -o json");
+    assert_eq!(either.error()["code"], "E0864", "{either:?}");
+    assert_eq!(run("outlet map modbus_tcp/spare -o csv").code, 0);
     let unknown = run("outlet map nosuch -o json");
     assert_eq!(
         (unknown.code, &unknown.error()["code"]),
         (8, &"E0864".into())
     );
-    assert_eq!(unknown.error()["known"][0], "scada");
+    assert_eq!(unknown.error()["known"][0], "modbus_tcp/scada");
 }
 
 /// Integrations run in a daemon only.
