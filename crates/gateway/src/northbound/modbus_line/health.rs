@@ -2,9 +2,9 @@
 //!
 //! A unit that does not answer costs all others its timeout. So from its second silence on it is
 //! asked only now and then, and its requests get the same answer meanwhile. One that the site hears
-//! may only not answer what it is asked for: it is asked again as soon as it may be. The units that don't
-//! answer have a fortieth of the time together, as long as there are few: each is asked every ten
-//! seconds at least.
+//! may only not answer what it is asked for: it is asked again as soon as it may be. The units that
+//! don't answer have a fortieth of the time together, as long as there are few: each is asked every
+//! ten seconds at least.
 //!
 //! A module that the site polls and does not hear is hardly asked at all: the line asks it already,
 //! and a read of it would have to wait until no reply to that can come, and all others behind it.
