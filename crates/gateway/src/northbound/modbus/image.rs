@@ -79,7 +79,8 @@ impl UnitImage {
         let is_named = self.module == before.module && self.line == before.line;
         match is_named && board(self) == board(before) {
             true => self.last = before.last,
-            false => self.last.number = before.last.number,
+            // Also than that of a command that is still under way there.
+            false => self.last.number = before.last.number.wrapping_add(1),
         }
     }
 

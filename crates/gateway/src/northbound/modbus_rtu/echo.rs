@@ -6,26 +6,29 @@
 use super::framing::Received;
 use railbus_wire::{Instant, Micros, SerialSettings};
 
-/// Later than this after an answer was sent, nothing is its echo.
+/// While it is not known whether there are echoes: what looks like one and comes later than this
+/// after the answer is a request.
 const LATEST: Micros = Micros::from_millis(500);
-/// While it is not known whether there are echoes: what may be one or a request, and comes earlier
-/// than this, is an echo.
-const DOUBTFUL: Micros = Micros::from_millis(100);
-/// After so many answers without an echo it is not known any more that there are any.
+/// After so many answers in a row without an echo it is not known any more that there are any; after
+/// as many again it is known that there are none.
 const MISSES_MAX: u8 = 3;
 
-/// What is known of the adapter.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+/// What is known of the adapter. Only what can't be a request shows that it echoes, and only other
+/// requests instead of echoes that it does not.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Habit {
-    /// Nothing.
-    #[default]
-    Unknown,
-    /// Nothing, and what may have been a request was taken for an echo.
-    Doubted,
+    /// Nothing; how many times in a row there was no echo.
+    Unknown(u8),
     /// It echoes; how many times in a row it did not.
     Echoes(u8),
     /// It does not.
     Silent,
+}
+
+impl Default for Habit {
+    fn default() -> Habit {
+        Habit::Unknown(0)
+    }
 }
 
 /// What may still be heard of our own answers.
@@ -60,8 +63,9 @@ impl Echo {
         }
         self.habit = match self.habit {
             Habit::Echoes(misses) if misses + 1 < MISSES_MAX => Habit::Echoes(misses + 1),
-            Habit::Echoes(_) => Habit::Unknown,
-            Habit::Unknown | Habit::Doubted | Habit::Silent => Habit::Silent,
+            Habit::Echoes(_) => Habit::Unknown(0),
+            Habit::Unknown(misses) if misses + 1 < MISSES_MAX => Habit::Unknown(misses + 1),
+            Habit::Unknown(_) | Habit::Silent => Habit::Silent,
         };
     }
 
@@ -77,10 +81,6 @@ impl Echo {
             return;
         };
         let (len, heard) = (sent.bytes.len(), received.heard());
-        let age = heard.since(sent.at + serial.frame_time(len));
-        if age > LATEST {
-            return self.missed();
-        }
         let mut places = received.bytes().windows(len);
         let Some(at) = places.position(|bytes| bytes == sent.bytes) else {
             return;
@@ -89,16 +89,25 @@ impl Echo {
         // A master that repeats its request begins when the answer and a silence are over.
         let repeated = serial.frame_time(2 * len) + serial.t3_5();
         let is_early = is_wire && heard.since(sent.at) < repeated;
-        // Nothing follows a request before it is answered.
+        // The master asks something else: whatever it was, it is over.
         let is_followed = end < received.bytes().len();
-        let is_certain = !sent.is_request || is_early || is_followed;
-        self.habit = match self.habit {
-            _ if is_certain => Habit::Echoes(0),
-            Habit::Echoes(_) => Habit::Echoes(0),
-            Habit::Unknown if age <= DOUBTFUL => Habit::Doubted,
-            Habit::Unknown | Habit::Doubted | Habit::Silent => return self.missed(),
-        };
+        let is_recent = heard.since(sent.at + serial.frame_time(len)) <= LATEST;
+        let is_certain = !sent.is_request || is_early;
         self.sent = None;
-        received.take_off(end);
+        let is_echo = match self.habit {
+            _ if is_certain => {
+                self.habit = Habit::Echoes(0);
+                true
+            }
+            // However late: this machine may have had no time for it.
+            Habit::Echoes(_) => true,
+            // A request that is lost so is repeated by its master. An echo that is taken for a
+            // request would switch, be answered, and echo again.
+            Habit::Unknown(_) => is_recent || is_followed,
+            Habit::Silent => is_followed,
+        };
+        if is_echo {
+            received.take_off(end);
+        }
     }
 }

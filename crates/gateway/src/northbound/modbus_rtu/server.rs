@@ -10,15 +10,20 @@ use railbus_api::problem::{Problem, codes};
 use railbus_app::api::failures::port_lost;
 use railbus_host::{AnyPort, LineName, Medium, Port as _, PortError, SerialOptions};
 use railbus_wire::{FRAME_MAX, Micros, SerialSettings};
+use std::future::poll_fn;
+use std::pin::pin;
 use std::rc::Rc;
 use std::sync::atomic::Ordering::Relaxed;
+use std::task::Poll;
 use std::time::Duration;
 use tokio::sync::mpsc;
-use tokio::task::{JoinHandle, LocalSet, spawn_local};
+use tokio::task::{JoinHandle, LocalSet, spawn_local, yield_now};
 use tokio::time::{Instant, sleep_until};
 
 /// The longest wait before a port is tried again: 1, 2, 4, 8, … seconds.
 const RETRY_MAX: Duration = Duration::from_secs(10);
+/// How often the port is read before an answer; a master sends no more while it waits for one.
+const READS_MAX: usize = 4;
 /// Masters ask all the time; that it works is reported so often.
 const WORKED_APART: Duration = Duration::from_secs(60);
 
@@ -73,7 +78,7 @@ async fn serve(outlet: Outlet) -> Result<(), Problem> {
         ended,
     };
     loop {
-        let deadline = desk.drive();
+        let deadline = desk.drive().await;
         let due = async {
             match deadline {
                 Some(at) => sleep_until(at).await,
@@ -97,16 +102,8 @@ async fn serve(outlet: Outlet) -> Result<(), Problem> {
                 // Fails if nothing waits for it any more.
                 let _ = done.send(());
             }
+            happened = desk.link.next(&mut buffer) => desk.happened(happened, &buffer),
             Some((write, end)) = ends.recv() => desk.write_ended(&write, &end),
-            happened = desk.link.next(&mut buffer) => match happened {
-                Happened::Due => desk.link = Link::Opening(opening(&desk.place)),
-                Happened::Opened(port) => desk.opened(port),
-                Happened::Lost(why) => desk.lost(&why),
-                Happened::Received(count) => {
-                    let now = desk.now();
-                    desk.slave.handle(now, buffer.get(..count).unwrap_or_default());
-                }
-            },
             () = due => {}
         }
     }
@@ -181,11 +178,12 @@ impl Desk {
     }
 
     /// Does what the slave says; until when there is nothing more to do.
-    fn drive(&mut self) -> Option<Instant> {
+    async fn drive(&mut self) -> Option<Instant> {
         let deadline = loop {
             let (now, slave) = (self.now(), &mut self.slave);
             match self.units.with_units(|units| slave.poll(now, units)) {
                 Output::Begin(write) => self.begin(write),
+                Output::TakeIn => self.take_in().await,
                 Output::Send(frame) => self.send(&frame),
                 Output::Wait(deadline) => break deadline,
             }
@@ -197,11 +195,43 @@ impl Desk {
         counts.given_up.fetch_add(heard.unanswered, Relaxed);
         counts.dropped.fetch_add(heard.damaged, Relaxed);
         let is_told = self.worked.is_some_and(|at| at.elapsed() < WORKED_APART);
-        if heard.good > 0 && !is_told && self.units.are_all() {
+        let is_open = matches!(self.link, Link::Open(_));
+        if heard.good > 0 && is_open && !is_told && self.units.are_all() {
             self.outlet.report.worked();
             self.worked = Some(Instant::now());
         }
         deadline.map(|at| self.began + Duration::from_micros(at.0))
+    }
+
+    /// Hands over what waits at the port. What the runtime knows of it may be from before this
+    /// thread had to wait for the processor.
+    async fn take_in(&mut self) {
+        yield_now().await;
+        for _ in 0..READS_MAX {
+            let mut buffer = [0; FRAME_MAX];
+            let happened = {
+                let mut next = pin!(self.link.next(&mut buffer));
+                poll_fn(|cx| Poll::Ready(next.as_mut().poll(cx))).await
+            };
+            match happened {
+                Poll::Ready(happened) => self.happened(happened, &buffer),
+                Poll::Pending => break,
+            }
+        }
+        self.slave.is_up_to_date();
+    }
+
+    fn happened(&mut self, happened: Happened, buffer: &[u8]) {
+        match happened {
+            Happened::Due => self.link = Link::Opening(opening(&self.place)),
+            Happened::Opened(port) => self.opened(port),
+            Happened::Lost(why) => self.lost(&why),
+            Happened::Received(count) => {
+                let now = self.now();
+                let received = buffer.get(..count).unwrap_or_default();
+                self.slave.handle(now, received);
+            }
+        }
     }
 
     fn begin(&self, write: UnitWrite) {

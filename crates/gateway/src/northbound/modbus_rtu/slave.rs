@@ -26,6 +26,9 @@ const BROADCAST: u8 = 0;
 pub(super) enum Output {
     /// Carry out this write, and tell its end ([`Slave::ended`]).
     Begin(UnitWrite),
+    /// An answer is about to be sent: first hand over all that was received by now, which may make
+    /// it one that nobody waits for ([`Slave::is_up_to_date`]).
+    TakeIn,
     /// Send this frame.
     Send(Vec<u8>),
     /// Nothing before this time, if at all.
@@ -99,6 +102,8 @@ pub(super) struct Slave {
     /// The request that waits for the end of a write to its unit.
     waiting: Option<Asked>,
     answer: Option<Answer>,
+    /// Nothing that was received waits at the port.
+    is_up_to_date: bool,
     /// Since it was last asked for.
     pub(super) heard: Heard,
 }
@@ -117,6 +122,7 @@ impl Slave {
             under_way: BTreeMap::new(),
             waiting: None,
             answer: None,
+            is_up_to_date: false,
             heard: Heard::default(),
         }
     }
@@ -124,14 +130,14 @@ impl Slave {
     /// The port was opened. Writes that are under way go on.
     pub(super) fn opened(&mut self, is_wire: bool) {
         self.is_wire = is_wire;
-        self.received = Received::default();
-        self.is_new = false;
-        self.echo = Echo::default();
-        self.goes_on();
+        self.closed();
     }
 
     /// The port is gone, and with it whatever was asked there.
     pub(super) fn closed(&mut self) {
+        self.received = Received::default();
+        self.is_new = false;
+        self.echo = Echo::default();
         self.goes_on();
     }
 
@@ -177,6 +183,10 @@ impl Slave {
                 continue;
             }
             let may_speak = now >= self.speaks_at();
+            if may_speak && self.answer.is_some() && !self.is_up_to_date {
+                return Output::TakeIn;
+            }
+            self.is_up_to_date = false;
             if may_speak && let Some(answer) = self.answer.take() {
                 let age = now.since(answer.asked.at);
                 if age > self.reply_within + LATE_MAX {
@@ -192,6 +202,11 @@ impl Slave {
             }
             return Output::Wait(self.deadline());
         }
+    }
+
+    /// All that was received by now was handed over ([`Output::TakeIn`]).
+    pub(super) fn is_up_to_date(&mut self) {
+        self.is_up_to_date = true;
     }
 
     /// When it is to be polled again if nothing happens.

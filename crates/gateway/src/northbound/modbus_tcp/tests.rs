@@ -470,7 +470,7 @@ fn the_end_of_a_command_is_noted_without_its_client() {
     other.goes_on_from(&stage.images[&OVEN]);
     // A number is not given again while a command with it may be under way.
     let (number, end) = (other.last.number, other.last.end);
-    assert_eq!((number, end), (last.number, LastEnd::None));
+    assert_eq!((number, end), (last.number + 1, LastEnd::None));
     let mut slower = stage.images[&OVEN].setup;
     slower.gap = Some(railbus_wire::Micros::from_millis(9));
     let mut slower = UnitImage::new("oven", "main", slower, false);
