@@ -515,9 +515,8 @@ impl Node {
                 return Err(Problem::new(codes::OVERLOADED));
             }
             let within = within(order.within_ms, message.expiry)?;
-            let of_bytes = |bytes: &Vec<u8>| format!("correlation {}", digest(&[bytes]).1);
+            // Correlation data is no key: MQTT names no sender, and two of them may use the same.
             let key = order.id.clone();
-            let key = key.or_else(|| reply.correlation.as_ref().map(of_bytes));
             Ok((order, key, within))
         });
         match job {
@@ -544,7 +543,7 @@ impl Node {
         let (Some(link), Some(packet)) = (&mut self.link, message.packet) else {
             return false;
         };
-        let content = digest(&[message.topic.as_bytes(), &message.payload]).0;
+        let content = digest(&[message.topic.as_bytes(), &message.payload]);
         if message.is_again && link.packets.contains(&(packet, content)) {
             return true;
         }
@@ -600,15 +599,14 @@ fn within(asked_ms: Option<u64>, expiry: Option<u32>) -> Result<Within, Problem>
     Within::new(Micros(least * 1_000)).ok_or_else(|| Problem::new(codes::EXPIRED))
 }
 
-/// A hash of these parts, also as text.
-fn digest(parts: &[&[u8]]) -> ([u8; 32], String) {
+/// A hash of these parts.
+fn digest(parts: &[&[u8]]) -> [u8; 32] {
     let mut hash = Sha256::new();
     for part in parts {
         hash.update((part.len() as u64).to_le_bytes());
         hash.update(part);
     }
-    let hash: [u8; 32] = hash.finalize().into();
-    (hash, crate::access::secret::hex(&hash))
+    hash.finalize().into()
 }
 
 #[cfg(test)]

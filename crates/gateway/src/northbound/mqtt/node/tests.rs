@@ -484,3 +484,23 @@ async fn at_the_end_it_says_that_it_is_gone() {
     assert_eq!(told[19].0, "bridge/state");
     assert!(node.is_done());
 }
+
+/// MQTT names no sender: two of them may use the same correlation data, or empty ones.
+#[tokio::test]
+async fn correlation_data_makes_no_two_commands_one() {
+    let (mut node, _) = connected(OVEN).await;
+
+    for data in [vec![], vec![], vec![7], vec![7]] {
+        let message = Received {
+            response: Some("answers/7".to_owned()),
+            correlation: Some(data.clone()),
+            ..set("ON")
+        };
+        let (mut jobs, _) = given(&mut node, message);
+        let job = jobs.pop().unwrap();
+        assert_eq!(job.key, None);
+        assert_eq!(job.reply.correlation, Some(data));
+    }
+    let (jobs, _) = given(&mut node, set("{\"value\": \"ON\", \"id\": \"a\"}"));
+    assert_eq!(jobs[0].key.as_deref(), Some("a"));
+}
