@@ -147,6 +147,12 @@ pub fn reason(lang: Lang, kind: &Invalid) -> String {
             "write a word without spaces, +, # and $; levels of a prefix are divided by /",
             "应写不含空格、+、# 和 $ 的词；前缀的各级用 / 分隔",
         ]),
+        Invalid::TopicsTaken(other) => both(
+            format!(
+                "\"{other}\" has the same topics at the same broker: write another base or site"
+            ),
+            format!("\"{other}\" 已在同一代理上使用相同的主题：请改用其他 base 或 site"),
+        ),
         Invalid::BadUnit => fixed([
             "write a module and its unit, 1 to 247: \"pump=4\"",
             "应写模块名称和单元号（1 至 247），如 \"pump=4\"",

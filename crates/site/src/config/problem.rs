@@ -95,6 +95,8 @@ pub enum Invalid {
     BadNetwork,
     /// Not a part of a topic.
     BadTopic,
+    /// Another outlet publishes at the same topics of the same broker.
+    TopicsTaken(String),
     /// Not a module with its Modbus unit.
     BadUnit,
     /// A module whose address can't be a Modbus unit.
@@ -145,7 +147,7 @@ impl Invalid {
             Invalid::BadAction | Invalid::BadText(_) => "E0872",
             Invalid::NeedsPerson => "E0873",
             Invalid::OtherUnit(_) => "E0874",
-            Invalid::BadTopic => "E0855",
+            Invalid::BadTopic | Invalid::TopicsTaken(_) => "E0855",
             Invalid::BadUrl => "E0876",
             Invalid::BadListen | Invalid::BadNetwork => "E0885",
             Invalid::BadUnit | Invalid::NeedsUnit(_) => "E0886",

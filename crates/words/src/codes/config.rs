@@ -269,10 +269,12 @@ codes! {
         next: ["test it on the history, then enable it", "先用历史数据测试，再启用"],
     }
     ConfigTopic = "E0855" {
-        title: ["not a valid part of an MQTT topic", "MQTT 主题的写法不对"],
-        likely: ["a wildcard (+, #), a space or a slash too many", "含有通配符（+、#）、空格或多余的斜杠"],
-        next: ["write base = \"railbus\", site = \"plant1\"",
-            "应写为 base = \"railbus\"、site = \"plant1\""],
+        title: ["these MQTT topics can't be used", "MQTT 主题不可用"],
+        likely: ["a wildcard (+, #), a space or a slash too many · another integration has the same \
+            topics at the broker",
+            "含有通配符（+、#）、空格或多余的斜杠 · 另一个集成已在该代理上使用相同的主题"],
+        next: ["write base = \"railbus\", site = \"plant1\", for each integration another",
+            "应写为 base = \"railbus\"、site = \"plant1\"，每个集成各不相同"],
     }
     BrokerFile = "E0856" {
         title: ["a certificate or key for the MQTT broker can't be used",

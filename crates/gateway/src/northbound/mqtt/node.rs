@@ -6,7 +6,7 @@
 //! events) waits in queues of a fixed length.
 
 use super::ends;
-use super::orders::{self, Order};
+use super::orders::{self, Order, Target};
 use super::told::{OFFLINE, ONLINE, Told};
 use super::topics::Topics;
 use railbus_api::problem::{Problem, codes};
@@ -491,6 +491,10 @@ impl Node {
         let Some(target) = self.topics.target(&message.topic) else {
             return;
         };
+        // Another outlet of these topics may have it, and then says how it ended.
+        if matches!(&target, Target::Output(module, _) if !self.topics.has(module)) {
+            return;
+        }
         // So a topic is cleared that should not have been kept.
         let clears = message.is_retained && message.payload.is_empty();
         if self.is_ending || clears || self.was_here(&message) {

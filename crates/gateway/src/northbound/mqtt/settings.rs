@@ -1,9 +1,10 @@
 //! Its settings: which broker, how it is reached, and where its topics begin.
 
 use super::topics::{Topics, is_base, level};
+use crate::northbound::kind::ENABLED;
 use railbus_site::Config;
-use railbus_site::config::Invalid;
 use railbus_site::config::change::Keys;
+use railbus_site::config::{Invalid, OutletTable};
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
@@ -106,7 +107,7 @@ pub(super) fn events(settings: &Keys) -> BTreeSet<String> {
 }
 
 /// What is wrong with its settings beyond their shapes.
-pub(super) fn check(settings: &Keys, _: &Config) -> Vec<(&'static str, Invalid)> {
+pub(super) fn check(settings: &Keys, config: &Config) -> Vec<(&'static str, Invalid)> {
     let mut found = Vec::new();
     if text(settings, "base").is_some_and(|base| !is_base(base)) {
         found.push(("base", Invalid::BadTopic));
@@ -119,7 +120,36 @@ pub(super) fn check(settings: &Keys, _: &Config) -> Vec<(&'static str, Invalid)>
             found.push((key, Invalid::MissingKey(other)));
         }
     }
+    if let Some(other) = same(settings, config) {
+        found.push(("base", Invalid::TopicsTaken(other.to_owned())));
+    }
     found
+}
+
+fn is_enabled(settings: &Keys) -> bool {
+    settings.get(ENABLED) != Some(&false.into())
+}
+
+/// The outlet before this one that has the same topics at the same broker. Both would speak in
+/// one name, and each command would be carried out by both.
+fn same<'c>(settings: &Keys, config: &'c Config) -> Option<&'c str> {
+    let place = |settings: &Keys| {
+        let broker = Broker::of(settings, "", "");
+        let base = text(settings, "base").unwrap_or(BASE).to_owned();
+        let site = text(settings, "site").map(str::to_owned);
+        (broker.host.to_lowercase(), broker.port, base, site)
+    };
+    let own = place(settings);
+    let others = config.outlets.iter();
+    // Of two, the second one is told.
+    let mut before = others.take_while(|(_, other)| !std::ptr::eq(&other.settings, settings));
+    let is_same = |other: &OutletTable| {
+        other.kind == super::KIND.name
+            && is_enabled(&other.settings)
+            && place(&other.settings) == own
+    };
+    let found = before.find(|(_, other)| is_enabled(settings) && is_same(other));
+    found.map(|(name, _)| name.as_str())
 }
 
 #[cfg(test)]
@@ -173,5 +203,30 @@ mod tests {
         assert_eq!(found(json!({"cert": "/a.pem"})), ["cert"]);
         assert_eq!(found(json!({"key": "/a.pem"})), ["key"]);
         assert_eq!(found(json!({"cert": "/a", "key": "/b"})), [""; 0]);
+    }
+
+    #[test]
+    fn no_two_outlets_have_the_same_topics_at_one_broker() {
+        let found = |second: &str| {
+            let first = "[outlet.a]\ntype = \"mqtt\"\nsite = \"west\"\n";
+            let text = format!("{first}[outlet.b]\ntype = \"mqtt\"\n{second}");
+            let config = Config::parse(&text).unwrap();
+            let of = |name: &str| check(&config.outlets[name].settings, &config);
+            assert_eq!(of("a"), [], "one of them is told");
+            of("b")
+        };
+        let taken = [("base", Invalid::TopicsTaken("a".to_owned()))];
+        assert_eq!(found("site = \"west\""), taken);
+        let spelled = "site = \"west\"\nbase = \"railbus\"\nhost = \"127.0.0.1\"\nport = 1883";
+        assert_eq!(found(spelled), taken);
+        for other in [
+            "enabled = false",
+            "base = \"b\"",
+            "host = \"::1\"",
+            "port = 1884",
+        ] {
+            assert_eq!(found(&format!("site = \"west\"\n{other}")), [], "{other}");
+        }
+        assert_eq!(found(""), []);
     }
 }

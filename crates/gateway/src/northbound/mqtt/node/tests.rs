@@ -1,6 +1,6 @@
 //! The machine, without a broker and without a clock.
 
-use super::super::orders::{Target, Wish};
+use super::super::orders::Wish;
 use super::*;
 use railbus_site::{
     BadReason, Batch, Config, Picture, PointQuality, PointReading, PointValue, Service,
@@ -503,4 +503,25 @@ async fn correlation_data_makes_no_two_commands_one() {
     }
     let (jobs, _) = given(&mut node, set("{\"value\": \"ON\", \"id\": \"a\"}"));
     assert_eq!(jobs[0].key.as_deref(), Some("a"));
+}
+
+/// What this outlet does not publish, it does not command either.
+#[tokio::test]
+async fn a_command_for_a_module_of_others_is_none() {
+    let mut node = Node::new(Setup {
+        site: "plant".to_owned(),
+        topics: Topics::new("railbus", "plant", BTreeSet::from(["oven".to_owned()])),
+        events: BTreeSet::new(),
+        old: BTreeSet::new(),
+    });
+    node.handle(ZERO, Input::Connected);
+    settle(&mut node, ZERO);
+    for name in ["pump", "bridge", "event", "scene"] {
+        let message = Received {
+            topic: format!("railbus/plant/{name}/k1/set"),
+            ..set("ON")
+        };
+        assert_eq!(given(&mut node, message), (vec![], vec![]), "{name}");
+    }
+    assert_eq!(given(&mut node, set("ON")).0.len(), 1);
 }
