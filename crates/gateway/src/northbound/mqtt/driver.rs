@@ -53,7 +53,7 @@ struct Driver {
     /// Commands under way.
     jobs: JoinSet<(Reply, Value)>,
     kept: Kept,
-    /// The topics of what is with the broker, or on its way to it.
+    /// The outlet's own topics of what is with the broker, or on its way to it.
     flying: BTreeMap<u64, String>,
     began: Instant,
     /// The configuration has it no longer.
@@ -235,7 +235,10 @@ impl Driver {
                             self.node.handle(now, Input::Taken(number, true));
                         }
                         Some((sender, _)) => {
-                            self.flying.insert(number, message.topic.clone());
+                            // Where a sender wants its answer is not for people here to mend.
+                            if self.topics.is_own(&message.topic) {
+                                self.flying.insert(number, message.topic.clone());
+                            }
                             broken = broken.or(sender.publish(number, message).err());
                         }
                         None => {}
@@ -281,7 +284,7 @@ impl Driver {
             }
             if self.node.is_done() {
                 if self.is_gone {
-                    self.kept.forget();
+                    self.forget();
                 }
                 drop(heard);
                 sender.disconnect();
@@ -325,6 +328,16 @@ impl Driver {
                     return Ended::Stopped;
                 },
             }
+        }
+    }
+
+    /// Nothing is kept of what is not at the broker any more. What it refused to clear is cleared
+    /// by the next outlet of this name.
+    fn forget(&mut self) {
+        let left = self.node.left();
+        match left.is_empty() {
+            true => self.kept.forget(),
+            false => _ = self.kept.keep(left),
         }
     }
 

@@ -5,33 +5,27 @@
 //! the newest value of a topic replaces the one before. What the broker does not keep (results and
 //! events) waits in queues of a fixed length.
 
-use super::ends;
-use super::orders::{self, Order, Target};
+use super::orders::Order;
 use super::told::{OFFLINE, ONLINE, Told};
 use super::topics::Topics;
-use railbus_api::problem::{Problem, codes};
 use railbus_api::types::SCHEMA;
 use railbus_app::api::past;
 use railbus_site::{News, Within};
 use railbus_store::history::Event;
-use railbus_wire::Micros;
-use serde_json::{Map, Value, json};
-use sha2::{Digest as _, Sha256};
+use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::Duration;
 
 /// How many messages are with the broker, or on their way to it, at a time.
 pub(super) const WINDOW: usize = 64;
-/// How many commands are under way before more are refused.
-const COMMANDS_MAX: usize = 64;
 /// How many results and how many events wait before the oldest are dropped.
 const QUEUE_MAX: usize = 256;
-/// How many packets are remembered to know one that comes again.
-const PACKETS_MAX: usize = 256;
 /// How often it is told how the outlet does.
 const HEALTH_EVERY: Duration = Duration::from_secs(30);
-/// The time of a command that says none, in milliseconds.
-const WITHIN_MS: u64 = 5_000;
+/// What the broker refused to keep is published again after this time.
+const REFUSED_WAIT: Duration = Duration::from_secs(10);
+
+mod commands;
 
 /// What is published.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -137,13 +131,24 @@ enum Queue {
 /// What is with the broker or on its way to it.
 #[derive(Debug)]
 enum Flight {
-    /// If it is lost, there will be a newer one.
-    Newest,
-    Online,
+    /// How the outlet does. If it is lost, there will be a newer one.
+    Health,
+    /// The newest of a topic.
+    Newest(String),
+    /// Whether the outlet is there.
+    Bridge(bool),
     /// The topic is cleared with it.
     Clear(String),
     /// If it is lost, it is to be published again.
-    Said(Queue, Message),
+    Said(Queue, Said),
+}
+
+/// A message that the broker does not keep.
+#[derive(Clone, Debug)]
+struct Said {
+    message: Message,
+    /// A connection was lost while it was on its way.
+    was_lost: bool,
 }
 
 /// A connection.
@@ -154,6 +159,11 @@ struct Link {
     packets: VecDeque<(u16, [u8; 32])>,
     /// When it is told again how the outlet does.
     health: Duration,
+    /// The topics whose newest payload the broker refused, and when it is published again; none
+    /// while it is on its way.
+    refused: BTreeMap<String, Option<Duration>>,
+    /// Others are told that the outlet is there.
+    is_online: bool,
 }
 
 /// What was counted since it was last asked.
@@ -187,8 +197,8 @@ pub(super) struct Node {
     due: VecDeque<Due>,
     /// The topics among them.
     is_due: BTreeSet<String>,
-    results: VecDeque<Message>,
-    events: VecDeque<Message>,
+    results: VecDeque<Said>,
+    events: VecDeque<Said>,
     /// Whose turn it is: what the broker keeps, or one of the queues.
     turn: u8,
     outputs: VecDeque<Output>,
@@ -240,7 +250,7 @@ impl Node {
                 self.under_way = self.under_way.saturating_sub(1);
                 self.answer(reply, result);
             }
-            Input::Taken(number, is_refused) => self.taken(number, is_refused),
+            Input::Taken(number, is_refused) => self.taken(now, number, is_refused),
             Input::Stop { is_gone } => self.stop(is_gone),
         }
     }
@@ -257,8 +267,9 @@ impl Node {
         if link.health <= now && !self.is_ending {
             link.health = now + HEALTH_EVERY;
             let message = self.health();
-            return Some(self.publish(message, Flight::Newest));
+            return Some(self.publish(message, Flight::Health));
         }
+        self.try_again(now);
         // One after the other, so that none of them keeps the others waiting.
         for _ in 0..3 {
             self.turn = (self.turn + 1) % 3;
@@ -277,7 +288,11 @@ impl Node {
     /// When to poll at the latest.
     pub(super) fn deadline(&self) -> Option<Duration> {
         let link = self.link.as_ref().filter(|_| !self.is_ending)?;
-        Some(link.health)
+        if link.flights.len() >= WINDOW {
+            return None;
+        }
+        let again = link.refused.values().flatten().min();
+        Some(again.map_or(link.health, |again| link.health.min(*again)))
     }
 
     /// Whether nothing is left to do before it ends.
@@ -311,6 +326,13 @@ impl Node {
         if self.link.is_some() && !self.is_ending {
             changed.into_iter().for_each(|topic| self.due(topic));
         }
+        if let Some(link) = &mut self.link {
+            // What is told no longer need not be kept.
+            let (told, own) = (&self.told, self.topics.bridge_state());
+            let is_told = |topic: &String| *topic == own || told.newest(topic).is_some();
+            link.refused.retain(|topic, _| is_told(topic));
+        }
+        self.online_again();
     }
 
     fn due(&mut self, topic: String) {
@@ -328,20 +350,31 @@ impl Node {
                 is_sure,
                 correlation: None,
             };
+            let link = self.link.as_mut()?;
+            let is_other = |flight: &Flight| !matches!(flight, Flight::Newest(_));
+            if self.due.front() == Some(&Due::Bridge(true)) {
+                // Only once it is known that the broker has everything else.
+                if !link.flights.values().all(is_other) {
+                    return None;
+                }
+                if !link.refused.is_empty() {
+                    self.due.pop_front();
+                    continue;
+                }
+            }
             match self.due.pop_front()? {
                 Due::Bridge(is_there) => {
-                    let (word, flight) = match is_there {
-                        true => (ONLINE, Flight::Online),
-                        false => (OFFLINE, Flight::Newest),
-                    };
+                    link.is_online = is_there;
+                    let word = if is_there { ONLINE } else { OFFLINE };
                     let topic = self.topics.bridge_state();
+                    let flight = Flight::Bridge(is_there);
                     return Some((message(topic, word.as_bytes(), true), flight));
                 }
                 Due::Topic(topic) => {
                     self.is_due.remove(&topic);
                     if let Some(newest) = self.told.newest(&topic) {
-                        let message = message(topic, &newest.payload, newest.is_sure);
-                        return Some((message, Flight::Newest));
+                        let message = message(topic.clone(), &newest.payload, newest.is_sure);
+                        return Some((message, Flight::Newest(topic)));
                     }
                     if self.told.is_old(&topic) {
                         let flight = Flight::Clear(topic.clone());
@@ -353,11 +386,11 @@ impl Node {
     }
 
     fn next_said(&mut self, queue: Queue) -> Option<(Message, Flight)> {
-        let message = match queue {
+        let said = match queue {
             Queue::Results => self.results.pop_front(),
             Queue::Events => self.events.pop_front(),
         }?;
-        Some((message.clone(), Flight::Said(queue, message)))
+        Some((said.message.clone(), Flight::Said(queue, said)))
     }
 
     fn publish(&mut self, message: Message, flight: Flight) -> Output {
@@ -393,10 +426,17 @@ impl Node {
             return;
         };
         for flight in link.flights.into_values().rev() {
-            match flight {
-                Flight::Said(Queue::Results, message) => self.results.push_front(message),
-                Flight::Said(Queue::Events, message) => self.events.push_front(message),
-                Flight::Newest | Flight::Online | Flight::Clear(_) => {}
+            let Flight::Said(queue, mut said) = flight else {
+                continue;
+            };
+            match queue {
+                // It may be why the broker hangs up: where it goes, others have said.
+                Queue::Results if said.was_lost => self.dropped(1),
+                Queue::Results => {
+                    said.was_lost = true;
+                    self.results.push_front(said);
+                }
+                Queue::Events => self.events.push_front(said),
             }
         }
         self.shorten();
@@ -404,7 +444,7 @@ impl Node {
 
     /// Drops the oldest of what is too much.
     fn shorten(&mut self) {
-        let over = |queue: &VecDeque<Message>| queue.len().saturating_sub(QUEUE_MAX);
+        let over = |queue: &VecDeque<Said>| queue.len().saturating_sub(QUEUE_MAX);
         let (results, events) = (over(&self.results), over(&self.events));
         self.results.drain(..results);
         self.events.drain(..events);
@@ -416,7 +456,7 @@ impl Node {
         self.totals.dropped += count;
     }
 
-    fn taken(&mut self, number: u64, is_refused: bool) {
+    fn taken(&mut self, now: Duration, number: u64, is_refused: bool) {
         let Some(link) = &mut self.link else {
             return;
         };
@@ -430,14 +470,84 @@ impl Node {
             }
         }
         match flight {
+            // It stays among those that are to be cleared, for the next connection.
+            Flight::Clear(_) if is_refused => {}
             Flight::Clear(topic) => {
                 if self.told.cleared(&topic) && !self.is_ending {
                     self.outputs.push_back(Output::Keep(self.told.kept()));
                 }
             }
-            Flight::Online if !is_refused => self.outputs.push_back(Output::Online),
-            Flight::Online | Flight::Newest | Flight::Said(..) => {}
+            Flight::Newest(topic) if is_refused => {
+                if self.told.newest(&topic).is_some() && Topics::is_vital(&topic) {
+                    self.refused(now, topic);
+                }
+            }
+            Flight::Newest(topic) => {
+                if link.refused.remove(&topic).is_some() {
+                    self.online_again();
+                }
+            }
+            Flight::Bridge(_) if is_refused => {
+                let topic = self.topics.bridge_state();
+                link.refused.insert(topic, Some(now + REFUSED_WAIT));
+            }
+            Flight::Bridge(true) => self.outputs.push_back(Output::Online),
+            Flight::Bridge(false) | Flight::Health | Flight::Said(..) => {}
         }
+    }
+
+    /// The broker refused what is to be known. What it keeps there is older, so that the outlet
+    /// is not there for others until the broker has taken it.
+    fn refused(&mut self, now: Duration, topic: String) {
+        let Some(link) = self.link.as_mut().filter(|_| !self.is_ending) else {
+            return;
+        };
+        link.refused.insert(topic, Some(now + REFUSED_WAIT));
+        if std::mem::take(&mut link.is_online) {
+            self.due.push_front(Due::Bridge(false));
+        }
+    }
+
+    /// Has published again what was refused and whose time has come.
+    fn try_again(&mut self, now: Duration) {
+        let Some(link) = self.link.as_mut().filter(|_| !self.is_ending) else {
+            return;
+        };
+        let mut again = Vec::new();
+        for (topic, at) in &mut link.refused {
+            if at.is_some_and(|at| at <= now) {
+                *at = None;
+                again.push(topic.clone());
+            }
+        }
+        let own = self.topics.bridge_state();
+        for topic in again {
+            if topic != own {
+                self.due(topic);
+                continue;
+            }
+            if let Some(link) = &mut self.link {
+                link.refused.remove(&own);
+                let is_there = link.refused.is_empty();
+                self.due.push_back(Due::Bridge(is_there));
+            }
+        }
+    }
+
+    /// Says that the outlet is there, if the broker has everything now.
+    fn online_again(&mut self) {
+        let Some(link) = self.link.as_ref().filter(|_| !self.is_ending) else {
+            return;
+        };
+        let is_said = link.is_online || self.due.contains(&Due::Bridge(true));
+        if link.refused.is_empty() && !is_said {
+            self.due.push_back(Due::Bridge(true));
+        }
+    }
+
+    /// What the broker may still have at the end.
+    pub(super) fn left(&self) -> Vec<String> {
+        self.told.left()
     }
 
     fn stop(&mut self, is_gone: bool) {
@@ -469,7 +579,7 @@ impl Node {
         let told = past::of_event(event);
         let payload = json!({ "schema": SCHEMA, "site": self.site, "event": told });
         let message = unkept(self.topics.event(), &payload, true);
-        self.events.push_back(message);
+        self.events.push_back(said(message));
         self.shorten();
     }
 
@@ -486,96 +596,12 @@ impl Node {
         health.extend(counts.map(|(name, count)| (name.to_owned(), Value::from(count))));
         unkept(self.topics.bridge_health(), &Value::Object(health), false)
     }
+}
 
-    fn received(&mut self, message: Received) {
-        let Some(target) = self.topics.target(&message.topic) else {
-            return;
-        };
-        // Another outlet of these topics may have it, and then says how it ended.
-        if matches!(&target, Target::Output(module, _) if !self.topics.has(module)) {
-            return;
-        }
-        // So a topic is cleared that should not have been kept.
-        let clears = message.is_retained && message.payload.is_empty();
-        if self.is_ending || clears || self.was_here(&message) {
-            return;
-        }
-        self.commands += 1;
-        let mut reply = Reply {
-            topic: Topics::result(&message.topic),
-            response: message
-                .response
-                .filter(|topic| self.topics.may_respond(topic)),
-            correlation: message.correlation,
-            id: None,
-        };
-        let order = match message.is_retained {
-            true => Err(ends::wrong("a retained command is never carried out")),
-            false => orders::parse(target, &message.payload).map_err(ends::wrong),
-        };
-        let job = order.and_then(|order| {
-            reply.id.clone_from(&order.id);
-            if self.under_way >= COMMANDS_MAX {
-                return Err(Problem::new(codes::OVERLOADED));
-            }
-            let within = within(order.within_ms, message.expiry)?;
-            // Correlation data is no key: MQTT names no sender, and two of them may use the same.
-            let key = order.id.clone();
-            Ok((order, key, within))
-        });
-        match job {
-            Ok((order, key, within)) => {
-                self.under_way += 1;
-                let job = Job {
-                    order,
-                    key,
-                    within,
-                    reply,
-                };
-                self.outputs.push_back(Output::Carry(Box::new(job)));
-            }
-            Err(problem) => {
-                self.commands_refused += 1;
-                self.answer(reply, ends::refused(problem));
-            }
-        }
-    }
-
-    /// Whether this message was delivered before on the same connection. It is under way or done,
-    /// and has its result.
-    fn was_here(&mut self, message: &Received) -> bool {
-        let (Some(link), Some(packet)) = (&mut self.link, message.packet) else {
-            return false;
-        };
-        let content = digest(&[message.topic.as_bytes(), &message.payload]);
-        if message.is_again && link.packets.contains(&(packet, content)) {
-            return true;
-        }
-        // The number belongs to another message now.
-        link.packets.retain(|(known, _)| *known != packet);
-        link.packets.push_back((packet, content));
-        if link.packets.len() > PACKETS_MAX {
-            link.packets.pop_front();
-        }
-        false
-    }
-
-    /// Tells a result to all, and to who asked for it.
-    fn answer(&mut self, reply: Reply, result: Value) {
-        let mut told = Map::new();
-        told.insert("id".to_owned(), reply.id.into());
-        if let Value::Object(result) = result {
-            told.extend(result);
-        }
-        let told = Value::Object(told);
-        self.results.push_back(unkept(reply.topic, &told, true));
-        if let Some(topic) = reply.response {
-            self.results.push_back(Message {
-                correlation: reply.correlation,
-                ..unkept(topic, &told, true)
-            });
-        }
-        self.shorten();
+fn said(message: Message) -> Said {
+    Said {
+        message,
+        was_lost: false,
     }
 }
 
@@ -588,29 +614,6 @@ fn unkept(topic: String, payload: &Value, is_sure: bool) -> Message {
         is_sure,
         correlation: None,
     }
-}
-
-/// The time within which a command must be sent: what it says, and no more than is left of its
-/// message.
-fn within(asked_ms: Option<u64>, expiry: Option<u32>) -> Result<Within, Problem> {
-    let asked = asked_ms.unwrap_or(WITHIN_MS);
-    let checked = Within::new(Micros(asked.saturating_mul(1_000)));
-    let checked = checked.ok_or_else(|| ends::wrong("\"within_ms\" is 200 to 60000"))?;
-    let Some(seconds) = expiry else {
-        return Ok(checked);
-    };
-    let least = asked.min(u64::from(seconds) * 1_000);
-    Within::new(Micros(least * 1_000)).ok_or_else(|| Problem::new(codes::EXPIRED))
-}
-
-/// A hash of these parts.
-fn digest(parts: &[&[u8]]) -> [u8; 32] {
-    let mut hash = Sha256::new();
-    for part in parts {
-        hash.update((part.len() as u64).to_le_bytes());
-        hash.update(part);
-    }
-    hash.finalize().into()
 }
 
 #[cfg(test)]

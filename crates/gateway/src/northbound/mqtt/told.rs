@@ -78,6 +78,11 @@ impl Told {
         self.old.iter().cloned().collect()
     }
 
+    /// What is still to be cleared.
+    pub(super) fn left(&self) -> Vec<String> {
+        self.old.iter().cloned().collect()
+    }
+
     /// Every topic that the broker may have something at.
     pub(super) fn kept(&self) -> Vec<String> {
         let own = std::iter::once(self.topics.bridge_state());

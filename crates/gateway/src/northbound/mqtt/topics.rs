@@ -5,6 +5,8 @@ use std::collections::BTreeSet;
 
 /// The longest topic that a result goes to because its sender asked for it.
 const RESPONSE_MAX: usize = 256;
+/// The longest topic of all (MQTT 5, section 1.5.4), in bytes.
+pub(super) const TOPIC_MAX: usize = 65_535;
 /// The first levels that are no modules.
 const OWN: [&str; 4] = ["bridge", "event", "group", "scene"];
 
@@ -107,12 +109,22 @@ impl Topics {
     /// Whether a result may go to a topic because its sender asks for it. It may not where that is
     /// one of the outlet's own: who may only command can't speak in its name.
     pub(super) fn may_respond(&self, topic: &str) -> bool {
-        let own = topic.strip_prefix(&self.prefix);
-        let is_own = own.is_some_and(|rest| rest.is_empty() || rest.starts_with('/'));
         let is_topic = (1..=RESPONSE_MAX).contains(&topic.len())
             && !topic.starts_with('$')
             && !topic.contains(['+', '#', '\0']);
-        is_topic && !is_own
+        is_topic && !self.is_own(topic)
+    }
+
+    /// Whether the outlet speaks at this topic in its own name.
+    pub(super) fn is_own(&self, topic: &str) -> bool {
+        let own = topic.strip_prefix(&self.prefix);
+        own.is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
+    }
+
+    /// Whether a topic has a value, or whether a module answers: who reads an old one acts on
+    /// what is no longer true.
+    pub(super) fn is_vital(topic: &str) -> bool {
+        topic.ends_with("/state") || topic.ends_with("/availability")
     }
 }
 

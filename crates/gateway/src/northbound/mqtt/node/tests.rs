@@ -1,11 +1,14 @@
 //! The machine, without a broker and without a clock.
 
-use super::super::orders::Wish;
+use super::super::orders::{Target, Wish};
+use super::super::topics::TOPIC_MAX;
+use super::commands::COMMANDS_MAX;
 use super::*;
 use railbus_site::{
     BadReason, Batch, Config, Picture, PointQuality, PointReading, PointValue, Service,
 };
 use railbus_store::history::{EventKind, Severity};
+use railbus_wire::Micros;
 use std::sync::Arc;
 use std::time::SystemTime;
 
@@ -150,6 +153,12 @@ async fn it_is_online_when_the_broker_has_everything() {
         assert_eq!(node.poll(ZERO), None);
         node.handle(ZERO, Input::Taken(number, false));
     }
+    let Some(Output::Publish(number, message)) = node.poll(ZERO) else {
+        panic!("now it is there");
+    };
+    assert_eq!(message.payload, b"online");
+    assert_eq!(node.poll(ZERO), None);
+    node.handle(ZERO, Input::Taken(number, false));
     assert_eq!(node.poll(ZERO), Some(Output::Online));
 }
 
@@ -524,4 +533,132 @@ async fn a_command_for_a_module_of_others_is_none() {
         assert_eq!(given(&mut node, message), (vec![], vec![]), "{name}");
     }
     assert_eq!(given(&mut node, set("ON")).0.len(), 1);
+}
+
+/// Everything that is published, where the broker refuses these topics.
+fn refusing(node: &mut Node, now: Duration, refused: &[&str]) -> Vec<(String, String)> {
+    let mut told = Vec::new();
+    while let Some(output) = node.poll(now) {
+        if let Output::Publish(number, message) = output {
+            let topic = message
+                .topic
+                .trim_start_matches("railbus/plant/")
+                .to_owned();
+            node.handle(now, Input::Taken(number, refused.contains(&&*topic)));
+            told.push((topic, String::from_utf8(message.payload).unwrap()));
+        }
+    }
+    told
+}
+
+fn bridge(word: &str) -> (String, String) {
+    ("bridge/state".to_owned(), word.to_owned())
+}
+
+/// The broker keeps an older value then: nobody is to believe it.
+#[tokio::test]
+async fn it_is_offline_while_the_broker_refuses_a_value() {
+    let (mut node, picture) = connected(OVEN).await;
+    let (state, wait) = ("oven/k1/state", Duration::from_secs(10));
+    let on = (PointValue::Bool(true), PointQuality::Good);
+    node.handle(ZERO, Input::News(&change(&picture, "oven.k1", on.0, on.1)));
+    let told = refusing(&mut node, ZERO, &[state]);
+    assert!(told.contains(&bridge("offline")), "{told:?}");
+    assert_eq!(node.deadline(), Some(wait));
+    assert_eq!(
+        refusing(&mut node, wait - Duration::from_millis(1), &[]),
+        []
+    );
+    let value = (state.to_owned(), "ON".to_owned());
+    assert_eq!(refusing(&mut node, wait, &[state]), [value.clone()]);
+    let told = refusing(&mut node, 2 * wait, &[]);
+    assert_eq!(told, [value, bridge("online")]);
+    assert_eq!(refusing(&mut node, 2 * wait, &[]), []);
+}
+
+#[tokio::test]
+async fn it_is_not_online_before_the_broker_has_taken_every_value() {
+    let (mut node, picture) = (node(&[]), picture(OVEN).await);
+    node.handle(ZERO, Input::News(&News::Picture(picture)));
+    node.handle(ZERO, Input::Connected);
+    let refused = ["oven/availability", "oven/k2/state"];
+    let told = refusing(&mut node, ZERO, &refused);
+    assert!(!told.contains(&bridge("online")), "{told:?}");
+    let wait = Duration::from_secs(10);
+    let told = refusing(&mut node, wait, &refused[..1]);
+    assert!(!told.contains(&bridge("online")), "{told:?}");
+    let told = refusing(&mut node, 2 * wait, &[]);
+    assert_eq!(told.last(), Some(&bridge("online")));
+    // Whether it is there can be refused as well.
+    node.handle(ZERO, Input::Lost);
+    node.handle(ZERO, Input::Connected);
+    refusing(&mut node, ZERO, &["bridge/state"]);
+    assert_eq!(refusing(&mut node, wait, &[]), [bridge("online")]);
+}
+
+#[tokio::test]
+async fn what_the_broker_refused_to_clear_is_cleared_with_the_next_connection() {
+    let stove = "railbus/plant/stove/k1/state";
+    let (mut node, picture) = (node(&[stove]), picture(OVEN).await);
+    node.handle(ZERO, Input::News(&News::Picture(picture)));
+    let cleared = ("stove/k1/state".to_owned(), String::new());
+    for is_last in [false, true] {
+        node.handle(ZERO, Input::Connected);
+        let refused: &[&str] = if is_last { &[] } else { &["stove/k1/state"] };
+        let told = refusing(&mut node, ZERO, refused);
+        assert!(told.contains(&cleared), "{told:?}");
+        assert_eq!(node.left().is_empty(), is_last);
+        node.handle(ZERO, Input::Lost);
+    }
+    node.handle(ZERO, Input::Connected);
+    assert!(!refusing(&mut node, ZERO, &[]).contains(&cleared));
+    node.handle(ZERO, Input::Stop { is_gone: true });
+    refusing(&mut node, ZERO, &["oven/k1/state"]);
+    assert_eq!(node.left(), ["railbus/plant/oven/k1/state"]);
+}
+
+/// A result may be why the broker hangs up each time.
+#[tokio::test]
+async fn a_result_is_published_on_two_connections_and_no_more() {
+    let (mut node, _) = connected(OVEN).await;
+    node.handle(ZERO, Input::Received(set("what")));
+    for round in 0..3 {
+        let mut results = 0;
+        while let Some(output) = node.poll(ZERO) {
+            let Output::Publish(number, message) = output else {
+                continue;
+            };
+            match message.topic.ends_with("/result") {
+                true => results += 1,
+                false => node.handle(ZERO, Input::Taken(number, false)),
+            }
+        }
+        assert_eq!(results, usize::from(round < 2), "{round}");
+        node.handle(ZERO, Input::Lost);
+        assert_eq!(node.counted().dropped, u64::from(round == 1), "{round}");
+        node.handle(ZERO, Input::Connected);
+    }
+}
+
+#[tokio::test]
+async fn a_topic_whose_result_would_have_none_is_no_command() {
+    let (mut node, _) = connected(OVEN).await;
+    let rest = "railbus/plant/oven//set".len();
+    let mut of = |len: usize| {
+        let label = "k".repeat(len - rest);
+        let topic = format!("railbus/plant/oven/{label}/set");
+        let response = Some("a".repeat(TOPIC_MAX + 1));
+        given(
+            &mut node,
+            Received {
+                topic,
+                response,
+                ..set("ON")
+            },
+        )
+        .0
+    };
+    assert_eq!(of(TOPIC_MAX), []);
+    let jobs = of(TOPIC_MAX - "result".len() + "set".len());
+    assert_eq!(jobs[0].reply.response, None);
 }
