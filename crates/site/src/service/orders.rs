@@ -178,6 +178,25 @@ impl Service {
         .await
     }
 
+    /// The same for the output of this label, which is looked up in the step in which the command
+    /// begins.
+    ///
+    /// # Errors
+    /// As [`Service::toggle`].
+    pub async fn toggle_labelled(
+        &self,
+        (module, label): (&str, &str),
+        terms: ToggleTerms,
+    ) -> Result<WriteDone, CommandError> {
+        let (name, text) = (module.to_owned(), label.to_owned());
+        let output = Outputs::Label(module, label);
+        self.order(output, |core, who| async move {
+            let point = labelled(&core.config(), &name, &text)?;
+            core.toggle(&who, &name, point, terms).await
+        })
+        .await
+    }
+
     /// Gives a pulse; returns when it has begun. One that is timed here is ended by the site,
     /// which also tries again until the output is released, another command takes the
     /// output over, or the site is closed. Its end is written down before it begins
@@ -194,6 +213,25 @@ impl Service {
     ) -> Result<PulseDone, CommandError> {
         let name = module.to_owned();
         self.order(Outputs::Point(module, point), |core, who| async move {
+            core.pulse(&who, &name, point, pulse).await
+        })
+        .await
+    }
+
+    /// The same for the output of this label, which is looked up in the step in which the command
+    /// begins.
+    ///
+    /// # Errors
+    /// As [`Service::pulse`].
+    pub async fn pulse_labelled(
+        &self,
+        (module, label): (&str, &str),
+        pulse: Pulse,
+    ) -> Result<PulseDone, CommandError> {
+        let (name, text) = (module.to_owned(), label.to_owned());
+        let output = Outputs::Label(module, label);
+        self.order(output, |core, who| async move {
+            let point = labelled(&core.config(), &name, &text)?;
             core.pulse(&who, &name, point, pulse).await
         })
         .await
@@ -294,6 +332,30 @@ impl Service {
             core.play(&who, &name, terms).await
         })
         .await
+    }
+
+    /// Whether this handle's rights cover the output of this label now.
+    ///
+    /// # Errors
+    /// As [`Service::write_labelled`].
+    pub fn may_write(&self, module: &str, label: &str) -> Result<(), CommandError> {
+        Outputs::Label(module, label).permitted(&self.config(), &self.who.rights)
+    }
+
+    /// Whether this handle's rights cover a group now; one that does not exist has no outputs.
+    ///
+    /// # Errors
+    /// [`CommandError::RoleTooLow`], [`CommandError::NotPermitted`].
+    pub fn may_set_group(&self, group: &str) -> Result<(), CommandError> {
+        Outputs::Group(group).permitted(&self.config(), &self.who.rights)
+    }
+
+    /// Whether this handle's rights cover a scene now; one that does not exist has no outputs.
+    ///
+    /// # Errors
+    /// As [`Service::may_set_group`].
+    pub fn may_play(&self, scene: &str) -> Result<(), CommandError> {
+        Outputs::Scene(scene).permitted(&self.config(), &self.who.rights)
     }
 
     /// In how many frames these outputs can be brought into one state.

@@ -3,6 +3,7 @@
 use super::orders::{Order, Target, Wish};
 use railbus_api::problem::{Problem, codes};
 use railbus_app::api::{ask, control, convert, failures};
+use railbus_device::Point;
 use railbus_host::{Confirmation, Fault};
 use railbus_site::{
     BatchDone, BatchTerms, By, CommandError, CommandKey, GroupState, KeyRefusal, Pulse, PulseDone,
@@ -11,8 +12,8 @@ use railbus_site::{
 use railbus_wire::Micros;
 use serde_json::{Value, json};
 
-/// How a command ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// How a command ended, from the best to the worst: what is not known outranks what is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum End {
     /// Done, and read back from the module.
     Readback,
@@ -20,10 +21,10 @@ enum End {
     Reply,
     /// Sent in a form that gets no reply.
     Sent,
-    /// It may have acted.
-    Unknown,
     /// It did not act, or was read back otherwise.
     Failed,
+    /// It may have acted.
+    Unknown,
 }
 
 impl End {
@@ -141,10 +142,7 @@ fn batch(service: &Service, done_so: BatchDone) -> Value {
             }
         };
         may_have_acted |= told["may_have_acted"] == true;
-        worst = Some(worst.map_or(end, |worst| match worst as u8 >= end as u8 {
-            true => worst,
-            false => end,
-        }));
+        worst = worst.max(Some(end));
         told["path"] = path.into();
         each.push(told);
     }
@@ -168,6 +166,10 @@ pub(super) async fn carry_out(
     let Some(key) = key else {
         return carried(&service, &order, within).await;
     };
+    // Who may not command it any more is not told how it ended either.
+    if let Err((failure, problem)) = may(&service, &order.target) {
+        return failed(End::of(&failure), problem);
+    }
     let mut command: Vec<Vec<u8>> = order.target.parts().map(|part| part.into()).to_vec();
     let terms = (order.wish, order.confirm, order.only_if, order.within_ms);
     command.push(format!("{terms:?}").into_bytes());
@@ -196,6 +198,35 @@ fn of_key(refusal: &KeyRefusal) -> Problem {
         KeyRefusal::NotKept(why) => Problem::new(codes::NOT_KEPT).with("reason", why.clone()),
         KeyRefusal::Begun => Problem::new(codes::KEY_BEGUN).perhaps_acted(true),
     }
+}
+
+/// Whether this may be commanded now.
+fn may(service: &Service, target: &Target) -> Result<(), (CommandError, Problem)> {
+    match target {
+        Target::Output(module, label) => {
+            let point = found(service, module, label)?;
+            service.may_write(module, label).map_err(|failure| {
+                let problem = failures::problem(service, module, Some(point), &failure);
+                (failure, problem)
+            })
+        }
+        Target::Group(group) => service.may_set_group(group).map_err(|failure| {
+            let problem = control::of_group(service, group, &failure);
+            (failure, problem)
+        }),
+        Target::Scene(scene) => service.may_play(scene).map_err(|failure| {
+            let problem = control::of_scene(service, scene, &failure);
+            (failure, problem)
+        }),
+    }
+}
+
+/// The point of this label.
+fn found(service: &Service, module: &str, label: &str) -> Result<Point, (CommandError, Problem)> {
+    let found = ask::find(service, &format!("{module}.{label}"));
+    found
+        .map(|(_, point)| point)
+        .map_err(|problem| (CommandError::NoSuchPoint, problem))
 }
 
 async fn carried(service: &Service, order: &Order, within: Within) -> Value {
@@ -239,11 +270,9 @@ async fn on_output(
     within: Within,
 ) -> Result<Value, (CommandError, Problem)> {
     let confirm = order.confirm;
-    let path = format!("{module}.{label}");
-    let point = match ask::find(service, &path) {
-        Ok((_, point)) => point,
-        Err(problem) => return Err((CommandError::NoSuchPoint, problem)),
-    };
+    // Only for what is said of it: the command looks it up once more as it begins, as another
+    // board may have the name by then.
+    let point = found(service, module, label)?;
     let told = match order.wish {
         Wish::Set(on) => {
             let terms = WriteTerms {
@@ -261,7 +290,7 @@ async fn on_output(
                 confirm,
                 within,
             };
-            let done = service.toggle(module, point, terms).await;
+            let done = service.toggle_labelled((module, label), terms).await;
             done.map(|done| written(&done))
         }
         Wish::Pulse(width) => {
@@ -272,7 +301,7 @@ async fn on_output(
                 confirm,
                 within,
             };
-            let done = service.pulse(module, point, pulse).await;
+            let done = service.pulse_labelled((module, label), pulse).await;
             done.map(|done| pulsed(&done))
         }
     };
@@ -381,6 +410,56 @@ mod tests {
         assert_eq!(end(on).await, failed_with("E0710"), "the same again");
         let off = "{\"value\": \"OFF\", \"id\": \"a\"}";
         assert_eq!(end(off).await, failed_with("E0806"), "another command");
+    }
+
+    #[tokio::test]
+    async fn who_lost_the_rights_is_not_told_of_an_earlier_end() {
+        let stage = Stage::new("lost", &["oven"]);
+        let texts = [
+            (output("k1"), "{\"value\": \"ON\", \"id\": \"a\"}"),
+            (
+                Target::Group("lamps".to_owned()),
+                "{\"value\": \"ON\", \"id\": \"b\"}",
+            ),
+            (
+                Target::Scene("night".to_owned()),
+                "{\"value\": \"RUN\", \"id\": \"c\"}",
+            ),
+        ];
+        for (target, text) in &texts {
+            let end = stage.end(target.clone(), text).await;
+            assert_eq!(end, failed_with("E0710"), "{text}");
+        }
+        // The same caller, to whom less is allowed by now.
+        let rights = Rights {
+            role: Role::Operator,
+            points: vec!["oven.k7".to_owned()].into(),
+        };
+        let service = stage
+            .service
+            .on_behalf_of(Origin::program("outlet"), rights);
+        for (target, text) in texts {
+            let order = parse(target, text.as_bytes()).unwrap();
+            let key = order.id.clone();
+            let told = carry_out(service.clone(), order, key, Within::DEFAULT).await;
+            assert_eq!(told["code"], "E0906", "{text}");
+        }
+    }
+
+    #[test]
+    fn what_is_not_known_outranks_what_failed() {
+        let ends = [
+            End::Readback,
+            End::Reply,
+            End::Sent,
+            End::Failed,
+            End::Unknown,
+        ];
+        assert!(ends.is_sorted());
+        assert_eq!(
+            Some(End::Failed).max(Some(End::Unknown)),
+            Some(End::Unknown)
+        );
     }
 
     #[test]

@@ -9,6 +9,7 @@ use rumqttc_v5 as v5;
 use rumqttc_v311 as v311;
 use std::collections::{BTreeMap, VecDeque};
 use std::error::Error;
+use std::fmt;
 use std::time::Duration;
 
 /// How often something is sent at least (MQTT 5, section 3.1.2.10), in seconds.
@@ -44,13 +45,24 @@ impl Version {
 }
 
 /// Who connects, and as what.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub(super) struct Login {
     pub(super) client_id: String,
     pub(super) username: Option<String>,
     pub(super) password: Option<Bytes>,
     /// What the broker publishes, and keeps, when the connection is lost: topic and payload.
     pub(super) will: Option<(String, &'static str)>,
+}
+
+impl fmt::Debug for Login {
+    /// Without the password.
+    fn fmt(&self, to: &mut fmt::Formatter<'_>) -> fmt::Result {
+        to.debug_struct("Login")
+            .field("client_id", &self.client_id)
+            .field("username", &self.username)
+            .field("will", &self.will)
+            .finish_non_exhaustive()
+    }
 }
 
 /// What comes from the broker.
@@ -528,6 +540,18 @@ fn step_three_one(event: v311::Event) -> Option<Step> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_password_is_never_told() {
+        let login = Login {
+            client_id: "c7".to_owned(),
+            username: Some("anna".to_owned()),
+            password: Some(Bytes::from_static(b"swordfish")),
+            will: None,
+        };
+        let told = format!("{login:?}");
+        assert!(told.contains("anna") && !told.contains("sword"), "{told}");
+    }
 
     #[test]
     fn a_message_is_known_by_the_packet_in_which_it_went() {
