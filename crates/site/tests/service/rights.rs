@@ -38,6 +38,12 @@ async fn all(service: &Service) -> Vec<(&'static str, Result<(), CommandError>)>
     let labelled = service
         .write_labelled(labelled, true, WriteTerms::default())
         .await;
+    let toggle_labelled = service
+        .toggle_labelled(("oven", "k2"), ToggleTerms::default())
+        .await;
+    let pulse_labelled = service
+        .pulse_labelled(("oven", "k2"), Pulse::default())
+        .await;
     let config = service.config();
     let since = service
         .write_since(&config, "oven", &both, WriteTerms::default())
@@ -56,6 +62,8 @@ async fn all(service: &Service) -> Vec<(&'static str, Result<(), CommandError>)>
     vec![
         ("write", write.map(drop)),
         ("write_labelled", labelled.map(drop)),
+        ("toggle_labelled", toggle_labelled.map(drop)),
+        ("pulse_labelled", pulse_labelled.map(drop)),
         ("write_since", since.map(drop)),
         ("toggle", toggle.map(drop)),
         ("pulse", pulse.map(drop)),

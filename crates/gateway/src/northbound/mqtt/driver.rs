@@ -1,5 +1,6 @@
 //! Connects a [`Node`] to a broker and to the site, again and again.
 
+use super::alive::Alive;
 use super::dial::Dial;
 use super::ends;
 use super::kept::Kept;
@@ -16,7 +17,7 @@ use serde_json::Value;
 use std::collections::BTreeMap;
 use std::pin::{Pin, pin};
 use std::sync::atomic::Ordering::Relaxed;
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 use tokio::sync::mpsc;
 use tokio::task::JoinSet;
 use tokio::time::Instant;
@@ -277,7 +278,9 @@ impl Driver {
         let mut pump = pin!(pump(&mut receiver, steps));
         self.flying.clear();
         self.node.handle(self.began.elapsed(), Input::Connected);
+        let clocks = || (Instant::now(), SystemTime::now());
         let (mut ends_by, mut is_refused) = (None, false);
+        let mut alive = Alive::since(clocks());
         loop {
             if let Some(problem) = self.drive(Some((&mut sender, limit))) {
                 return Ended::Broken(problem);
@@ -292,6 +295,10 @@ impl Driver {
                 let _ = tokio::time::timeout_at(by, pump).await;
                 return Ended::Stopped;
             }
+            if ends_by.is_none() && self.node.is_stuck(self.began.elapsed()) {
+                // Without a good-bye, so that the will of this client is published.
+                return Ended::Broken(dial.refused(&"no acknowledgement within 10 s"));
+            }
             let deadline = match ends_by {
                 Some(by) => Some(by),
                 None => self.node.deadline().map(|at| self.began + at),
@@ -304,11 +311,22 @@ impl Driver {
             };
             tokio::select! {
                 Some(step) = heard.recv() => {
-                    self.hear(&mut sender, step, &dial, &mut is_refused);
+                    let is_late = alive.is_late(clocks());
+                    let mut next = Some(step);
+                    while let Some(step) = next {
+                        let step = step.expired_if(is_late);
+                        self.hear(&mut sender, step, &dial, &mut is_refused);
+                        next = heard.try_recv().ok().filter(|_| is_late);
+                    }
+                    if is_late {
+                        return Ended::Broken(dial.refused(&"railbus stood still for 5 s"));
+                    }
                 }
                 broken = &mut pump => {
+                    let is_late = alive.is_late(clocks());
                     // The broker has delivered these, and does not again.
                     while let Ok(step) = heard.try_recv() {
+                        let step = step.expired_if(is_late);
                         self.hear(&mut sender, step, &dial, &mut is_refused);
                     }
                     return match ends_by {

@@ -147,6 +147,21 @@ pub(super) enum Step {
     /// The broker has a packet, or refuses it.
     Acknowledged(u16, bool),
     NotSubscribed,
+    /// Something else, such as what keeps the connection alive.
+    Other,
+}
+
+impl Step {
+    /// The same; a command that has waited for too long has expired.
+    pub(super) fn expired_if(self, is_late: bool) -> Step {
+        match self {
+            Step::Message(message) if is_late => Step::Message(Received {
+                expiry: Some(0),
+                ..message
+            }),
+            step => step,
+        }
+    }
 }
 
 /// Connects. What comes back is connected: the broker has accepted it. The largest packet that it
@@ -318,6 +333,7 @@ impl Sender {
         match step {
             Step::Message(message) => Some(Heard::Message(message)),
             Step::NotSubscribed => Some(Heard::NotSubscribed),
+            Step::Other => None,
             Step::Went(packet) => {
                 let number = self.numbers.went(packet)?;
                 Some(Heard::Taken(number, false))
@@ -383,21 +399,17 @@ impl Receiver {
     /// # Errors
     /// The connection is no more.
     pub(super) async fn next(&mut self) -> Result<Step, Broken> {
-        loop {
-            let step = match &mut self.events {
-                Loop::Five(events) => match events.poll().await {
-                    Ok(event) => step_five(event),
-                    Err(error) => return Err(self.broken_five(&error)),
-                },
-                Loop::ThreeOne(events) => match events.poll().await {
-                    Ok(event) => step_three_one(event),
-                    Err(error) => return Err(self.broken_three_one(&error)),
-                },
-            };
-            if let Some(step) = step {
-                return Ok(step);
-            }
-        }
+        let step = match &mut self.events {
+            Loop::Five(events) => match events.poll().await {
+                Ok(event) => step_five(event),
+                Err(error) => return Err(self.broken_five(&error)),
+            },
+            Loop::ThreeOne(events) => match events.poll().await {
+                Ok(event) => step_three_one(event),
+                Err(error) => return Err(self.broken_three_one(&error)),
+            },
+        };
+        Ok(step.unwrap_or(Step::Other))
     }
 
     /// Why there is no connection. Another version may be spoken only where the broker was
@@ -540,6 +552,22 @@ fn step_three_one(event: v311::Event) -> Option<Step> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// [`super::super::node`] answers it with E0106.
+    #[test]
+    fn what_came_too_late_has_expired() {
+        let expiry = |is_late| {
+            let message = Received {
+                expiry: Some(60),
+                ..Received::default()
+            };
+            match Step::Message(message).expired_if(is_late) {
+                Step::Message(message) => message.expiry,
+                step => panic!("{step:?}"),
+            }
+        };
+        assert_eq!((expiry(false), expiry(true)), (Some(60), Some(0)));
+    }
 
     #[test]
     fn a_password_is_never_told() {

@@ -5,8 +5,10 @@
 //! - What the broker keeps of the site: `told`; the file with its topics: `kept`.
 //! - What is published and when, and which commands are carried out, without I/O: `node`. How a
 //!   command ended: `ends`.
+//! - Whether the program stood still meanwhile: `alive`.
 //! - TCP and TLS: `dial`. Both versions of the protocol: `link`. What drives it all: `driver`.
 
+mod alive;
 mod dial;
 mod driver;
 mod ends;

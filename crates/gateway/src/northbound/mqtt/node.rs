@@ -22,6 +22,8 @@ pub(super) const WINDOW: usize = 64;
 const QUEUE_MAX: usize = 256;
 /// How often it is told how the outlet does.
 const HEALTH_EVERY: Duration = Duration::from_secs(30);
+/// The longest time in which a broker acknowledges a message.
+const ACKNOWLEDGED_MAX: Duration = Duration::from_secs(10);
 /// What the broker refused to keep is published again after this time.
 const REFUSED_WAIT: Duration = Duration::from_secs(10);
 
@@ -62,7 +64,7 @@ pub(super) struct Reply {
     topic: String,
     response: Option<String>,
     correlation: Option<Vec<u8>>,
-    id: Option<String>,
+    pub(super) id: Option<String>,
 }
 
 /// A command that is to be carried out.
@@ -154,7 +156,8 @@ struct Said {
 /// A connection.
 #[derive(Debug, Default)]
 struct Link {
-    flights: BTreeMap<u64, Flight>,
+    /// Each with the time since when.
+    flights: BTreeMap<u64, (Duration, Flight)>,
     /// The packets that came last, and what was in them.
     packets: VecDeque<(u16, [u8; 32])>,
     /// When it is told again how the outlet does.
@@ -164,6 +167,14 @@ struct Link {
     refused: BTreeMap<String, Option<Duration>>,
     /// Others are told that the outlet is there.
     is_online: bool,
+}
+
+impl Link {
+    /// When the oldest message has been on its way for too long.
+    fn stuck_at(&self) -> Option<Duration> {
+        let (since, _) = self.flights.values().next()?;
+        Some(*since + ACKNOWLEDGED_MAX)
+    }
 }
 
 /// What was counted since it was last asked.
@@ -267,7 +278,7 @@ impl Node {
         if link.health <= now && !self.is_ending {
             link.health = now + HEALTH_EVERY;
             let message = self.health();
-            return Some(self.publish(message, Flight::Health));
+            return Some(self.publish(now, message, Flight::Health));
         }
         self.try_again(now);
         // One after the other, so that none of them keeps the others waiting.
@@ -279,7 +290,7 @@ impl Node {
                 _ => self.next_said(Queue::Events),
             };
             if let Some((message, flight)) = next {
-                return Some(self.publish(message, flight));
+                return Some(self.publish(now, message, flight));
             }
         }
         None
@@ -288,11 +299,22 @@ impl Node {
     /// When to poll at the latest.
     pub(super) fn deadline(&self) -> Option<Duration> {
         let link = self.link.as_ref().filter(|_| !self.is_ending)?;
+        let stuck = link.stuck_at();
         if link.flights.len() >= WINDOW {
-            return None;
+            return stuck;
         }
-        let again = link.refused.values().flatten().min();
-        Some(again.map_or(link.health, |again| link.health.min(*again)))
+        let again = link.refused.values().flatten().min().copied();
+        [Some(link.health), again, stuck]
+            .into_iter()
+            .flatten()
+            .min()
+    }
+
+    /// Whether the broker has not acknowledged a message for so long that the connection is of no
+    /// use: what others read there is old.
+    pub(super) fn is_stuck(&self, now: Duration) -> bool {
+        let stuck = self.link.as_ref().and_then(Link::stuck_at);
+        stuck.is_some_and(|at| at <= now)
     }
 
     /// Whether nothing is left to do before it ends.
@@ -351,7 +373,7 @@ impl Node {
                 correlation: None,
             };
             let link = self.link.as_mut()?;
-            let is_other = |flight: &Flight| !matches!(flight, Flight::Newest(_));
+            let is_other = |(_, flight): &(Duration, Flight)| !matches!(flight, Flight::Newest(_));
             if self.due.front() == Some(&Due::Bridge(true)) {
                 // Only once it is known that the broker has everything else.
                 if !link.flights.values().all(is_other) {
@@ -393,10 +415,10 @@ impl Node {
         Some((said.message.clone(), Flight::Said(queue, said)))
     }
 
-    fn publish(&mut self, message: Message, flight: Flight) -> Output {
+    fn publish(&mut self, now: Duration, message: Message, flight: Flight) -> Output {
         self.newest += 1;
         if let Some(link) = &mut self.link {
-            link.flights.insert(self.newest, flight);
+            link.flights.insert(self.newest, (now, flight));
         }
         Output::Publish(self.newest, message)
     }
@@ -425,7 +447,7 @@ impl Node {
         let Some(link) = self.link.take() else {
             return;
         };
-        for flight in link.flights.into_values().rev() {
+        for (_, flight) in link.flights.into_values().rev() {
             let Flight::Said(queue, mut said) = flight else {
                 continue;
             };
@@ -460,7 +482,7 @@ impl Node {
         let Some(link) = &mut self.link else {
             return;
         };
-        let Some(flight) = link.flights.remove(&number) else {
+        let Some((_, flight)) = link.flights.remove(&number) else {
             return;
         };
         for counted in [&mut self.counted, &mut self.totals] {

@@ -662,3 +662,22 @@ async fn a_topic_whose_result_would_have_none_is_no_command() {
     let jobs = of(TOPIC_MAX - "result".len() + "set".len());
     assert_eq!(jobs[0].reply.response, None);
 }
+
+/// The values at the broker are old then, and its will must say so.
+#[tokio::test]
+async fn a_broker_that_acknowledges_nothing_is_none() {
+    let (mut node, picture) = connected(OVEN).await;
+    let (begun, limit) = (Duration::from_secs(3), Duration::from_secs(13));
+    let (on, good) = (PointValue::Bool(true), PointQuality::Good);
+    node.handle(begun, Input::News(&change(&picture, "oven.k1", on, good)));
+    let Some(Output::Publish(number, _)) = node.poll(begun) else {
+        panic!("a value");
+    };
+    while node.poll(2 * begun).is_some() {}
+    assert_eq!(node.deadline(), Some(limit));
+    assert!(!node.is_stuck(limit - Duration::from_millis(1)));
+    assert!(node.is_stuck(limit));
+    node.handle(limit, Input::Taken(number, false));
+    assert!(!node.is_stuck(limit), "of the next one");
+    assert!(node.is_stuck(limit + begun));
+}
