@@ -151,12 +151,15 @@ def faults(s, way):
                         ("oven/k6", "E0107")):
         result = s.order(topic, "ON")
         s.check(entry, (result["end"], result["code"]), ("failed", code), topic)
-    s.publish("oven/k1/set", "")
+    result = s.order("oven/k1", "")
+    s.check(entry, (result["end"], result["code"]), ("failed", "E0806"), "nothing")
     s.publish("oven/k1/set/x", "ON")
     s.publish("oven/set", "ON")
-    s.order("oven/k1", "OFF")
+    # Its end comes after those, whose effect an OFF would hide.
+    s.check(entry, s.order("oven/k2", "what")["end"], "failed", "the last")
     s.check(entry, s.sim.outputs("oven"), OFF, "relays")
     s.check(entry, s.sim.outputs("hall"), [0] * 4, "relays")
+    s.check(entry, s.order("oven/k1", "OFF")["end"], "readback", "another command")
 
 
 def retained(s, way, version):

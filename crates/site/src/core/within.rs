@@ -28,6 +28,20 @@ impl Within {
         let allowed = WITHIN_MIN..=WITHIN_MAX;
         allowed.contains(&time).then_some(Within(time))
     }
+
+    /// What is left of it after some time; none if nothing is. No less is left than
+    /// [`WITHIN_MIN`].
+    #[must_use]
+    pub fn after(self, time: Micros) -> Option<Within> {
+        let left = self.0.0.checked_sub(time.0).filter(|left| *left > 0)?;
+        Some(Within(Micros(left).max(WITHIN_MIN)))
+    }
+
+    /// This time.
+    #[must_use]
+    pub const fn time(self) -> Micros {
+        self.0
+    }
 }
 
 impl Default for Within {

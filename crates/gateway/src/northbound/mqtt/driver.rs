@@ -8,6 +8,7 @@ use super::link::{self, Broken, Heard, Login, Receiver, Sender, Step, Version};
 use super::node::{Input, Node, Output, Reply, Setup, WINDOW};
 use super::settings::{self, Broker, Spoken};
 use super::topics::Topics;
+use super::turns::Turns;
 use crate::access::secret::random;
 use crate::northbound::outlet::Outlet;
 use hyper::body::Bytes;
@@ -53,6 +54,7 @@ struct Driver {
     events: Events,
     /// Commands under way.
     jobs: JoinSet<(Reply, Value)>,
+    turns: Turns,
     kept: Kept,
     /// The outlet's own topics of what is with the broker, or on its way to it.
     flying: BTreeMap<u64, String>,
@@ -83,6 +85,7 @@ pub(super) async fn run(outlet: Outlet, events: Events) -> Result<(), Problem> {
         site: outlet.service.follow(),
         events,
         jobs: JoinSet::new(),
+        turns: Turns::default(),
         kept,
         flying: BTreeMap::new(),
         began: Instant::now(),
@@ -182,7 +185,10 @@ impl Driver {
                 None => return false,
             },
             Some(end) = self.jobs.join_next() => match end {
-                Ok((reply, result)) => Happened::Input(Input::Ended(reply, result)),
+                Ok((reply, result)) => {
+                    self.turns.ended(reply.id.as_deref());
+                    Happened::Input(Input::Ended(reply, result))
+                }
                 // The command is on a task of its own: this one only waits for it.
                 Err(_) => return true,
             },
@@ -216,8 +222,9 @@ impl Driver {
                 }
                 Output::Carry(job) => {
                     let service = self.outlet.service.clone();
+                    let turn = self.turns.next(job.key.as_deref());
                     self.jobs.spawn(async move {
-                        let done = ends::carry_out(service, job.order, job.key, job.within);
+                        let done = ends::carry_out(service, job.order, job.key, job.within, turn);
                         let end = tokio::spawn(done).await;
                         let result = end.unwrap_or_else(|error| ends::broken(&error));
                         (job.reply, result)

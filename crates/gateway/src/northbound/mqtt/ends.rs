@@ -1,6 +1,7 @@
 //! How a command ended, as its result says it.
 
 use super::orders::{Order, Target, Wish};
+use super::turns::Turn;
 use railbus_api::problem::{Problem, codes};
 use railbus_app::api::{ask, control, convert, failures};
 use railbus_device::Point;
@@ -11,6 +12,8 @@ use railbus_site::{
 };
 use railbus_wire::Micros;
 use serde_json::{Value, json};
+use std::time::Duration;
+use tokio::time::Instant;
 
 /// How a command ended, from the best to the worst: what is not known outranks what is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -162,9 +165,22 @@ pub(super) async fn carry_out(
     order: Order,
     key: Option<String>,
     within: Within,
+    turn: Turn,
 ) -> Value {
+    let (came, mut turn) = (Instant::now(), Box::pin(turn.come()));
+    let longest = Duration::from_micros(within.time().0);
+    let begun = tokio::time::timeout(longest, &mut turn).await;
+    let waited = u64::try_from(came.elapsed().as_micros()).unwrap_or(u64::MAX);
+    let Ok(begun) = begun else {
+        // Those after it still wait for those before it.
+        tokio::spawn(turn);
+        return refused(Problem::new(codes::EXPIRED));
+    };
+    let Some(within) = within.after(Micros(waited)) else {
+        return refused(Problem::new(codes::EXPIRED));
+    };
     let Some(key) = key else {
-        return carried(&service, &order, within).await;
+        return begun.with(carried(&service, &order, within)).await;
     };
     // Who may not command it any more is not told how it ended either.
     if let Err((failure, problem)) = may(&service, &order.target) {
@@ -179,7 +195,7 @@ pub(super) async fn carry_out(
         command,
     };
     let once = service.clone();
-    let work = async move { carried(&once, &order, within).await };
+    let work = async move { begun.with(carried(&once, &order, within)).await };
     let end = service.once(key, work).await;
     end.unwrap_or_else(|refusal| {
         let end = match refusal {
@@ -314,6 +330,7 @@ async fn on_output(
 #[cfg(test)]
 mod tests {
     use super::super::orders::parse;
+    use super::super::turns::Turns;
     use super::*;
     use railbus_site::{Config, Rights, Role};
     use railbus_store::audit::Origin;
@@ -350,7 +367,13 @@ mod tests {
         async fn end(&self, target: Target, payload: &str) -> (String, String) {
             let order = parse(target, payload.as_bytes()).unwrap();
             let key = order.id.clone();
-            let done = carry_out(self.service.clone(), order, key, Within::DEFAULT);
+            let done = carry_out(
+                self.service.clone(),
+                order,
+                key,
+                Within::DEFAULT,
+                Turn::default(),
+            );
             let told = done.await;
             let word = |key: &str| told[key].as_str().unwrap_or_default().to_owned();
             (word("end"), word("code"))
@@ -441,9 +464,33 @@ mod tests {
         for (target, text) in texts {
             let order = parse(target, text.as_bytes()).unwrap();
             let key = order.id.clone();
-            let told = carry_out(service.clone(), order, key, Within::DEFAULT).await;
+            let told = carry_out(
+                service.clone(),
+                order,
+                key,
+                Within::DEFAULT,
+                Turn::default(),
+            )
+            .await;
             assert_eq!(told["code"], "E0906", "{text}");
         }
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_command_that_has_no_turn_in_its_time_is_not_carried_out() {
+        let stage = Stage::new("turns", &["oven"]);
+        let mut turns = Turns::default();
+        let first = turns.next(None);
+        let order = parse(output("k1"), b"ON").unwrap();
+        let late = turns.next(None);
+        let after = turns.next(None);
+        let done = carry_out(stage.service.clone(), order, None, Within::DEFAULT, late);
+        assert_eq!(done.await["code"], "E0106");
+        let mut after = tokio::spawn(after.come());
+        let early = tokio::time::timeout(Duration::from_secs(60), &mut after).await;
+        assert!(early.is_err(), "the first one has not begun");
+        drop(first);
+        let _begun = after.await.unwrap();
     }
 
     #[test]

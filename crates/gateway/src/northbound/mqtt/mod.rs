@@ -4,7 +4,7 @@
 //! - Its settings: `settings`. Its topics: `topics`. What a payload orders: `orders`.
 //! - What the broker keeps of the site: `told`; the file with its topics: `kept`.
 //! - What is published and when, and which commands are carried out, without I/O: `node`. How a
-//!   command ended: `ends`.
+//!   command ended: `ends`. In which order they begin: `turns`.
 //! - Whether the program stood still meanwhile: `alive`.
 //! - TCP and TLS: `dial`. Both versions of the protocol: `link`. What drives it all: `driver`.
 
@@ -19,6 +19,7 @@ mod orders;
 mod settings;
 mod told;
 mod topics;
+mod turns;
 
 use super::kind::{EVENTS, Field, OutletKind, Pair, Shape};
 
