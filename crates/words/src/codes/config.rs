@@ -270,8 +270,8 @@ codes! {
     }
     ConfigTopic = "E0855" {
         title: ["these MQTT topics can't be used", "MQTT 主题不可用"],
-        likely: ["a wildcard (+, #), a space or a slash too many · another integration has the same \
-            topics at the broker",
+        likely: ["a wildcard (+, #), a space or a slash too many · another integration has the \
+            same topics at the broker",
             "含有通配符（+、#）、空格或多余的斜杠 · 另一个集成已在该代理上使用相同的主题"],
         next: ["write base = \"railbus\", site = \"plant1\", for each integration another",
             "应写为 base = \"railbus\"、site = \"plant1\"，每个集成各不相同"],

@@ -183,8 +183,8 @@ pub(super) async fn carry_out(
         return begun.with(carried(&service, &order, within)).await;
     };
     // Who may not command it any more is not told how it ended either.
-    if let Err((failure, problem)) = may(&service, &order.target) {
-        return failed(End::of(&failure), problem);
+    if let Err(problem) = may(&service, &order.target) {
+        return refused(problem);
     }
     let mut command: Vec<Vec<u8>> = order.target.parts().map(|part| part.into()).to_vec();
     let terms = (order.wish, order.confirm, order.only_if, order.within_ms);
@@ -217,32 +217,27 @@ fn of_key(refusal: &KeyRefusal) -> Problem {
 }
 
 /// Whether this may be commanded now.
-fn may(service: &Service, target: &Target) -> Result<(), (CommandError, Problem)> {
+fn may(service: &Service, target: &Target) -> Result<(), Problem> {
     match target {
         Target::Output(module, label) => {
             let point = found(service, module, label)?;
-            service.may_write(module, label).map_err(|failure| {
-                let problem = failures::problem(service, module, Some(point), &failure);
-                (failure, problem)
-            })
+            let may = service.may_write(module, label);
+            may.map_err(|failure| failures::problem(service, module, Some(point), &failure))
         }
-        Target::Group(group) => service.may_set_group(group).map_err(|failure| {
-            let problem = control::of_group(service, group, &failure);
-            (failure, problem)
-        }),
-        Target::Scene(scene) => service.may_play(scene).map_err(|failure| {
-            let problem = control::of_scene(service, scene, &failure);
-            (failure, problem)
-        }),
+        Target::Group(group) => {
+            let may = service.may_set_group(group);
+            may.map_err(|failure| control::of_group(service, group, &failure))
+        }
+        Target::Scene(scene) => {
+            let may = service.may_play(scene);
+            may.map_err(|failure| control::of_scene(service, scene, &failure))
+        }
     }
 }
 
 /// The point of this label.
-fn found(service: &Service, module: &str, label: &str) -> Result<Point, (CommandError, Problem)> {
-    let found = ask::find(service, &format!("{module}.{label}"));
-    found
-        .map(|(_, point)| point)
-        .map_err(|problem| (CommandError::NoSuchPoint, problem))
+fn found(service: &Service, module: &str, label: &str) -> Result<Point, Problem> {
+    ask::find(service, &format!("{module}.{label}")).map(|(_, point)| point)
 }
 
 async fn carried(service: &Service, order: &Order, within: Within) -> Value {
@@ -288,7 +283,8 @@ async fn on_output(
     let confirm = order.confirm;
     // Only for what is said of it: the command looks it up once more as it begins, as another
     // board may have the name by then.
-    let point = found(service, module, label)?;
+    let point = found(service, module, label);
+    let point = point.map_err(|problem| (CommandError::NoSuchPoint, problem))?;
     let told = match order.wish {
         Wish::Set(on) => {
             let terms = WriteTerms {
