@@ -9,8 +9,8 @@ use railbus_wire::{Instant, Micros, SerialSettings};
 /// While it is not known whether there are echoes: what looks like one and comes later than this
 /// after the answer is a request.
 const LATEST: Micros = Micros::from_millis(500);
-/// After so many answers in a row without an echo it is not known any more that there are any; after
-/// as many again it is known that there are none.
+/// After so many answers in a row without an echo it is not known any more that there are any;
+/// after as many again it is known that there are none.
 const MISSES_MAX: u8 = 3;
 
 /// What is known of the adapter. Only what can't be a request shows that it echoes, and only other
