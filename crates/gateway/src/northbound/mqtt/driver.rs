@@ -323,7 +323,10 @@ impl Driver {
                     while let Some(step) = next {
                         let step = step.expired_if(is_late);
                         self.hear(&mut sender, step, &dial, &mut is_refused);
-                        next = heard.try_recv().ok().filter(|_| is_late);
+                        next = match is_late {
+                            true => heard.try_recv().ok(),
+                            false => None,
+                        };
                     }
                     if is_late {
                         return Ended::Broken(dial.refused(&"railbus stood still for 5 s"));
