@@ -184,10 +184,19 @@ impl Desk {
             match self.units.with_units(|units| slave.poll(now, units)) {
                 Output::Begin(write) => self.begin(write),
                 Output::TakeIn => self.take_in().await,
-                Output::Send(frame) => self.send(&frame),
+                Output::Send(frame) => {
+                    // Whoever is answered finds it counted.
+                    self.count();
+                    self.send(&frame);
+                }
                 Output::Wait(deadline) => break deadline,
             }
         };
+        self.count();
+        deadline.map(|at| self.began + Duration::from_micros(at.0))
+    }
+
+    fn count(&mut self) {
         let heard = std::mem::take(&mut self.slave.heard);
         let counts = self.outlet.report.counts();
         counts.sent.fetch_add(heard.good, Relaxed);
@@ -200,7 +209,6 @@ impl Desk {
             self.outlet.report.worked();
             self.worked = Some(Instant::now());
         }
-        deadline.map(|at| self.began + Duration::from_micros(at.0))
     }
 
     /// Hands over what waits at the port. What the runtime knows of it may be from before this
