@@ -23,7 +23,8 @@ impl Bus {
         }
         let op = flight.job.op();
         let refused = matches!(seen, Observation::Refused(_));
-        let is_claim = self.is_claim(module, flight, &seen);
+        let is_command = matches!(flight.job, Job::Command { .. });
+        let is_claim = is_command && self.is_claim(module, flight, &seen);
         if let Some(state) = self.modules.get_mut(module.0) {
             if (state.published_presence() != Presence::Online || !state.is_settled())
                 && state.withholds(Reading {
@@ -46,16 +47,9 @@ impl Bus {
                 state.answered_pulses();
             }
         }
-        let told = match seen {
-            Observation::Done | Observation::Refused(_) => None,
-            // The inputs beside such a claim were read.
-            Observation::Channels { inputs, .. } if is_claim => {
-                let outputs = Bank::new(0, 0);
-                (inputs.mask != 0).then_some(Observation::Channels { outputs, inputs })
-            }
-            seen => Some(seen),
-        };
-        if let Some(seen) = told {
+        if is_claim {
+            self.tell_inputs(module, flight, &seen);
+        } else if !matches!(seen, Observation::Done | Observation::Refused(_)) {
             let (asked, heard) = (flight.asked, self.now);
             self.events.push(Event::Seen {
                 module,
@@ -91,10 +85,9 @@ impl Bus {
 
     /// Whether the reply to a command names states that are read back next. A board names those
     /// that it was told, also where a relay did not move: what is read counts.
+    #[cold]
     fn is_claim(&self, module: ModuleId, flight: &InFlight, seen: &Observation) -> bool {
-        let Job::Command { op, .. } = flight.job else {
-            return false;
-        };
+        let op = flight.job.op();
         let state = self.modules.get(module.0);
         let read_back = state.and_then(|state| state.module.read_back(&op));
         let mut sent = self.commands.iter().filter(|command| {
@@ -103,6 +96,24 @@ impl Bus {
         matches!(seen, Observation::Channels { .. })
             && read_back == Some(Op::ReadOutputs)
             && sent.next().is_some()
+    }
+
+    /// The inputs beside such a claim were read.
+    #[cold]
+    fn tell_inputs(&mut self, module: ModuleId, flight: &InFlight, seen: &Observation) {
+        let Observation::Channels { inputs, .. } = *seen else {
+            return;
+        };
+        if inputs.mask != 0 {
+            let outputs = Bank::new(0, 0);
+            self.events.push(Event::Seen {
+                module,
+                op: flight.job.op(),
+                seen: Observation::Channels { outputs, inputs },
+                asked: flight.asked,
+                heard: self.now,
+            });
+        }
     }
 
     /// The module answered a command.
