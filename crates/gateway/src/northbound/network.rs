@@ -1,8 +1,9 @@
-//! Who may connect to a kind that listens: networks, as its settings name them.
+//! Where a kind listens, and who may connect: networks, as its settings name them.
 
 use super::kind::texts;
+use railbus_site::config::Invalid;
 use railbus_site::config::change::Keys;
-use std::net::IpAddr;
+use std::net::{IpAddr, SocketAddr};
 
 /// Addresses from which clients may connect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,6 +52,33 @@ pub(crate) fn allowed(settings: &Keys) -> Vec<Network> {
     texts(settings, "allow")
         .filter_map(Network::parse)
         .collect()
+}
+
+/// Where a kind listens, by its settings or as usual; none if that is not an address.
+pub(crate) fn listen(settings: &Keys, usual: SocketAddr) -> Option<SocketAddr> {
+    let text = settings.get("listen").and_then(|value| value.as_str());
+    text.map_or(Some(usual), |text| text.parse().ok())
+}
+
+/// What is wrong with where it listens and who may connect. Other machines are only let in where
+/// networks are named, or clients show who they are (`is_guarded`).
+pub(crate) fn check(
+    settings: &Keys,
+    usual: SocketAddr,
+    is_guarded: bool,
+) -> Vec<(&'static str, Invalid)> {
+    let mut found = Vec::new();
+    match listen(settings, usual) {
+        None => found.push(("listen", Invalid::BadListen)),
+        Some(at) if !is_guarded && !at.ip().is_loopback() && allowed(settings).is_empty() => {
+            found.push(("listen", Invalid::Unguarded));
+        }
+        Some(_) => {}
+    }
+    if texts(settings, "allow").any(|text| Network::parse(text).is_none()) {
+        found.push(("allow", Invalid::BadNetwork));
+    }
+    found
 }
 
 #[cfg(test)]

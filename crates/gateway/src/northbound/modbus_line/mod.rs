@@ -12,7 +12,6 @@
 //!   Both know nothing of what is served.
 //! - The line, the site and the clients: `server`.
 
-mod clients;
 mod health;
 mod passage;
 #[cfg(test)]
@@ -25,6 +24,8 @@ mod tests;
 mod verdict;
 
 use super::kind::{Field, OutletKind, Pair, Shape};
+use super::modbus::fields;
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 
 /// A Modbus gateway to one line.
 pub(super) static KIND: OutletKind = OutletKind {
@@ -69,6 +70,9 @@ const NOTES: &[Pair] = &[
     ],
 ];
 
+/// Where it listens if nothing else is said.
+const LISTEN: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 1_503);
+
 const FIELDS: &[Field] = &[
     Field::new("line", ["Line", "总线"], Shape::Line).required(),
     Field::new("listen", ["Listen at", "监听地址"], Shape::Text(64)).with_hint([
@@ -76,13 +80,6 @@ const FIELDS: &[Field] = &[
          below 1024 need a permission",
         "地址和端口；留空为 127.0.0.1:1503。供其他机器访问时填 0.0.0.0:1503；1024 以下的端口需要权限",
     ]),
-    Field::new("allow", ["Allowed clients", "允许连接的机器"], Shape::Texts).with_hint([
-        "Addresses or networks such as 192.168.1.0/24, separated by commas. Required if other \
-         machines are to connect: Modbus TCP has no password",
-        "地址或网络（如 192.168.1.0/24），用逗号分隔。供其他机器访问时必填：Modbus TCP 没有密码",
-    ]),
-    Field::new("write", ["Outputs that may be switched", "允许操作的输出"], Shape::Points).with_hint([
-        "Outputs such as oven.k1, oven or *; read only if left empty",
-        "输出，如 oven.k1、oven 或 *；留空则只读",
-    ]),
+    fields::ALLOW,
+    fields::WRITE,
 ];

@@ -1,26 +1,26 @@
 //! The gateway over sockets: the line, the site and the clients on the outlet's one thread.
 
-use super::clients::Clients;
+use super::LISTEN;
 use super::passage::{ClientId, ClientWrite, LineRead, Output, Passage, ReadEnd, Site};
-use super::settings;
 use super::socket::Socket;
-use super::verdict::{GATEWAY, module_at, of_failure};
-use crate::northbound::network::allowed;
+use super::verdict::{module_at, of_failure};
+use crate::northbound::modbus::clients::Clients;
+use crate::northbound::modbus::identify;
+use crate::northbound::network::{self, allowed};
 use crate::northbound::outlet::{Outlet, Report};
-use railbus_api::problem::{Problem, codes};
+use railbus_api::problem::Problem;
 use railbus_host::{Fault, LineState, Presence, Probed};
 use railbus_site::{CommandError, RawTerms, Service, WriteTerms};
-use railbus_wire::mbap::{self, Message};
-use railbus_wire::rtu::{Exception, Identification};
+use railbus_wire::mbap::Message;
+use railbus_wire::rtu::Exception;
 use railbus_wire::{Decoded, Micros};
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::io;
-use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr};
+use std::net::SocketAddr;
 use std::rc::Rc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
-use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::TcpStream;
 use tokio::sync::Notify;
 use tokio::task::{LocalSet, spawn_local};
@@ -28,8 +28,6 @@ use tokio::time::{Instant, sleep_until, timeout};
 
 /// A read that was not sent by then is taken back: the line has no time for it.
 const READ_TTL: Duration = Duration::from_secs(5);
-/// How long a test waits.
-const TEST_MAX: Duration = Duration::from_secs(3);
 
 /// What all tasks share.
 struct Shared {
@@ -61,8 +59,7 @@ pub(super) async fn run(outlet: Outlet) -> Result<(), Problem> {
 async fn serve(outlet: Outlet) -> Result<(), Problem> {
     let listen = outlet_listen(&outlet);
     let allowed = allowed(&outlet.settings.borrow());
-    let clients = Clients::listen(listen, allowed).await;
-    let mut clients = clients.map_err(|error| not_listening(listen, error))?;
+    let mut clients = Clients::listen(listen, allowed, false).await?;
     let (stopped, line) = (outlet.stopped(), outlet.text("line"));
     tokio::pin!(stopped);
     let shared = Rc::new(Shared {
@@ -297,53 +294,12 @@ fn take(shared: &Rc<Shared>, id: ClientId, socket: &mut Socket) -> io::Result<()
 
 /// Where it listens.
 fn outlet_listen(outlet: &Outlet) -> SocketAddr {
-    let listen = settings::listen(&outlet.settings.borrow());
+    let listen = network::listen(&outlet.settings.borrow(), LISTEN);
     // Nothing else passes the check of a configuration.
-    listen.unwrap_or_else(|| SocketAddr::from(([127, 0, 0, 1], 1_503)))
-}
-
-/// It can't listen, or nothing listens there.
-fn not_listening(listen: SocketAddr, why: impl ToString) -> Problem {
-    let problem = Problem::new(codes::OUTLET_LISTEN).with("listen", listen.to_string());
-    problem.with("reason", why.to_string())
+    listen.unwrap_or(LISTEN)
 }
 
 /// Asks the gateway what it is, as any client does.
 pub(super) async fn test(outlet: Outlet) -> Result<String, Problem> {
-    let mut listen = outlet_listen(&outlet);
-    if listen.ip().is_unspecified() {
-        listen.set_ip(match listen {
-            SocketAddr::V4(_) => Ipv4Addr::LOCALHOST.into(),
-            SocketAddr::V6(_) => Ipv6Addr::LOCALHOST.into(),
-        });
-    }
-    let said = timeout(TEST_MAX, identified(listen)).await;
-    let said = said.unwrap_or_else(|_| Err(io::ErrorKind::TimedOut.into()));
-    said.map_err(|error| not_listening(listen, error))
-}
-
-async fn identified(listen: SocketAddr) -> io::Result<String> {
-    let mut stream = TcpStream::connect(listen).await?;
-    let pdu = [GATEWAY, 0x2B, 0x0E, 2, 0];
-    let request = [&mbap::header(1, pdu.len())[..], &pdu].concat();
-    stream.write_all(&request).await?;
-    let mut received = Vec::new();
-    loop {
-        match Message::decode(&received) {
-            Decoded::Whole { value, .. } => {
-                let said = value.pdu.get(2..).and_then(Identification::from_packed);
-                let said = said.ok_or(io::ErrorKind::InvalidData)?;
-                let texts: Vec<_> = said
-                    .objects()
-                    .map(|(_, text)| String::from_utf8_lossy(text))
-                    .collect();
-                return Ok(texts.join(" "));
-            }
-            Decoded::Malformed(_) => return Err(io::ErrorKind::InvalidData.into()),
-            Decoded::Partial { .. } => {}
-        }
-        if stream.read_buf(&mut received).await? == 0 {
-            return Err(io::ErrorKind::UnexpectedEof.into());
-        }
-    }
+    identify::reached(outlet_listen(&outlet), identify::identified).await
 }

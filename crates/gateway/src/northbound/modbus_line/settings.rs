@@ -1,35 +1,14 @@
-//! Its settings: where it listens, and what is wrong with them.
+//! What is wrong with its settings.
 
-use crate::northbound::kind::texts;
-use crate::northbound::network::{Network, allowed};
+use super::LISTEN;
+use crate::northbound::network;
 use railbus_site::Config;
 use railbus_site::config::Invalid;
 use railbus_site::config::change::Keys;
-use std::net::SocketAddr;
-
-/// Where it listens if nothing else is said.
-const LISTEN: &str = "127.0.0.1:1503";
-
-/// Where it listens; none if that is not an address.
-pub(super) fn listen(settings: &Keys) -> Option<SocketAddr> {
-    let text = settings.get("listen").and_then(|value| value.as_str());
-    text.unwrap_or(LISTEN).parse().ok()
-}
 
 /// What is wrong with its settings beyond their shapes.
 pub(super) fn check(settings: &Keys, _: &Config) -> Vec<(&'static str, Invalid)> {
-    let mut found = Vec::new();
-    match listen(settings) {
-        None => found.push(("listen", Invalid::BadListen)),
-        Some(at) if !at.ip().is_loopback() && allowed(settings).is_empty() => {
-            found.push(("listen", Invalid::Unguarded));
-        }
-        Some(_) => {}
-    }
-    if texts(settings, "allow").any(|text| Network::parse(text).is_none()) {
-        found.push(("allow", Invalid::BadNetwork));
-    }
-    found
+    network::check(settings, LISTEN, false)
 }
 
 #[cfg(test)]

@@ -21,8 +21,7 @@ mod slave;
 mod tests;
 
 use super::kind::{Field, OutletKind, Pair, Shape};
-use super::modbus::table;
-use railbus_site::{WITHIN_MAX, WITHIN_MIN};
+use super::modbus::{fields, table};
 
 /// Modbus RTU, as a slave.
 pub(super) static KIND: OutletKind = OutletKind {
@@ -81,33 +80,11 @@ const FIELDS: &[Field] = &[
         Shape::Number(1_200, 115_200, 9_600),
     ),
     Field::new("format", ["Format", "格式"], Shape::Choice(FORMATS)),
-    Field::new(
-        "write",
-        ["Outputs that may be switched", "允许操作的输出"],
-        Shape::Points,
-    )
-    .with_hint([
-        "Outputs such as oven.k1, oven or *; read only if left empty",
-        "输出，如 oven.k1、oven 或 *；留空则只读",
-    ]),
-    Field::new("modules", ["Modules", "模块"], Shape::Modules),
-    Field::new("units", ["Unit numbers", "单元号"], Shape::Texts).with_hint([
-        "Only for modules whose address is not their unit number: pump=4, oven=5",
-        "仅用于单元号不同于地址的模块：pump=4, oven=5",
-    ]),
-    Field::new(
-        "map",
-        ["Coils and registers", "线圈与寄存器"],
-        Shape::Choice(MAPS),
-    ),
-    Field::new(
-        "within_ms",
-        [
-            "A command must be sent within (ms)",
-            "命令须在此时间内发出（毫秒）",
-        ],
-        Shape::Number(millis(WITHIN_MIN), millis(WITHIN_MAX), 5_000),
-    ),
+    fields::WRITE,
+    fields::MODULES,
+    fields::UNITS,
+    fields::MAP,
+    fields::WITHIN,
     Field::new(
         "reply_within_ms",
         ["Answer a write within (ms)", "写操作的应答时限（毫秒）"],
@@ -125,18 +102,3 @@ const FORMATS: &[(&str, Pair)] = &[
     ("8O1", ["8O1", "8O1"]),
     ("8N2", ["8N2", "8N2"]),
 ];
-
-const MAPS: &[(&str, Pair)] = &[
-    (
-        "own",
-        [
-            "As in the datasheet, where the module speaks Modbus RTU",
-            "模块使用 Modbus RTU 时按其说明书",
-        ],
-    ),
-    ("uniform", ["The same for all modules", "所有模块相同"]),
-];
-
-const fn millis(time: railbus_wire::Micros) -> i64 {
-    (time.0 / 1_000) as i64
-}

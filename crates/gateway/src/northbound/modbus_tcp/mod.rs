@@ -24,10 +24,9 @@ mod stream;
 mod tests;
 
 use super::kind::{DemoOutlet, Field, OutletKind, Pair, Shape};
-use super::modbus::table;
+use super::modbus::{fields, table};
+use super::network;
 use super::outlet::Outlet;
-use railbus_api::problem::{Problem, codes};
-use railbus_site::{WITHIN_MAX, WITHIN_MIN};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 
 /// Modbus TCP, as a server.
@@ -118,55 +117,20 @@ const FIELDS: &[Field] = &[
          All others only read",
         "客户端证书中的角色可操作的输出：operator=pump.*, operator=oven.k1。其他客户端只读",
     ]),
-    Field::new("modules", ["Modules", "模块"], Shape::Modules),
-    Field::new("units", ["Unit numbers", "单元号"], Shape::Texts).with_hint([
-        "Only for modules whose address is not their unit number: pump=4, oven=5",
-        "仅用于单元号不同于地址的模块：pump=4, oven=5",
-    ]),
-    Field::new(
-        "map",
-        ["Coils and registers", "线圈与寄存器"],
-        Shape::Choice(MAPS),
-    ),
-    Field::new(
-        "within_ms",
-        [
-            "A command must be sent within (ms)",
-            "命令须在此时间内发出（毫秒）",
-        ],
-        Shape::Number(millis(WITHIN_MIN), millis(WITHIN_MAX), 5_000),
-    )
+    fields::MODULES,
+    fields::UNITS,
+    fields::MAP,
+    fields::WITHIN
     .with_hint([
         "The client should wait at least 2 s longer for its answer",
         "客户端等待应答的时间应至少再长 2 秒",
     ]),
 ];
 
-const MAPS: &[(&str, Pair)] = &[
-    (
-        "own",
-        [
-            "As in the datasheet, where the module speaks Modbus RTU",
-            "模块使用 Modbus RTU 时按其说明书",
-        ],
-    ),
-    ("uniform", ["The same for all modules", "所有模块相同"]),
-];
-
-const fn millis(time: railbus_wire::Micros) -> i64 {
-    (time.0 / 1_000) as i64
-}
-
-/// It can't listen, or nothing listens there.
-fn not_listening(listen: SocketAddr, why: impl ToString) -> Problem {
-    let problem = Problem::new(codes::OUTLET_LISTEN).with("listen", listen.to_string());
-    problem.with("reason", why.to_string())
-}
-
 impl Outlet {
     /// Where it listens.
     fn listen(&self) -> SocketAddr {
-        let listen = settings::listen(&self.settings.borrow());
+        let listen = network::listen(&self.settings.borrow(), LISTEN);
         // Nothing else passes the check of a configuration.
         listen.unwrap_or(LISTEN)
     }

@@ -1,34 +1,28 @@
 //! Sockets: who may connect, and for how long.
 
 use super::conn::{self, AskedWrite, ModbusConn};
-use super::not_listening;
 use super::security::Security;
 use super::stream::Answers;
-use crate::northbound::modbus::request::{GATEWAY, WriteEnd};
+use crate::northbound::modbus::clients::Clients;
+use crate::northbound::modbus::identify;
+use crate::northbound::modbus::request::WriteEnd;
 use crate::northbound::modbus::site_units::SiteUnits;
-use crate::northbound::network::{self, Network};
+use crate::northbound::network;
 use crate::northbound::outlet::Outlet;
 use railbus_api::problem::Problem;
 use railbus_site::Service;
-use railbus_wire::Decoded;
-use railbus_wire::mbap::{self, Message};
-use railbus_wire::rtu::Identification;
 use std::cell::Cell;
-use std::collections::BTreeMap;
 use std::io;
-use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
+use std::net::IpAddr;
 use std::rc::Rc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
-use tokio::io::{AsyncRead, AsyncReadExt as _, AsyncWriteExt as _, split};
-use tokio::net::{TcpListener, TcpStream};
+use tokio::io::{AsyncRead, AsyncReadExt as _, split};
+use tokio::net::TcpStream;
 use tokio::sync::mpsc;
-use tokio::task::{Id, JoinSet, LocalSet, spawn_local, yield_now};
-use tokio::time::{Instant, sleep_until, timeout};
+use tokio::task::{LocalSet, spawn_local, yield_now};
+use tokio::time::{Instant, sleep_until};
 
-/// How many clients there may be, and how many at one address.
-const CLIENTS_MAX: usize = 32;
-const PER_ADDRESS_MAX: usize = 8;
 /// A message has so long to become complete, and a client to take what it was answered.
 const PARTIAL_MAX: Duration = Duration::from_secs(10);
 /// A client that says nothing for so long is gone.
@@ -38,10 +32,6 @@ const UNREAD_MAX: usize = 64 * 1024;
 /// How much is read at a time, and how often before others have their turn.
 const READ_LEN: usize = 4 * 1024;
 const READS_MAX: usize = 4;
-/// After an error of the system no connection is accepted for so long.
-const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
-/// How long a test waits.
-const TEST_MAX: Duration = Duration::from_secs(3);
 
 /// Serves clients until it is to stop.
 pub(super) async fn run(outlet: Outlet) -> Result<(), Problem> {
@@ -62,9 +52,8 @@ struct Door {
 async fn serve(outlet: Outlet) -> Result<(), Problem> {
     let security = Security::open(&outlet.settings.borrow())?;
     let listen = outlet.listen();
-    let failed = |error: io::Error| not_listening(listen, error);
-    let listener = TcpListener::bind(listen).await.map_err(failed)?;
     let allowed = network::allowed(&outlet.settings.borrow());
+    let mut clients = Clients::listen(listen, allowed, security.is_some()).await?;
     let (mut site, stopped) = (outlet.service.follow(), outlet.stopped());
     tokio::pin!(stopped);
     let (units, mut syncs) = SiteUnits::new(&outlet);
@@ -76,12 +65,8 @@ async fn serve(outlet: Outlet) -> Result<(), Problem> {
         turned_away: Cell::new(0),
     });
     let outlet = &door.outlet;
-    let mut clients = JoinSet::new();
-    let mut addresses: BTreeMap<Id, IpAddr> = BTreeMap::new();
-    let mut accepts_at = Instant::now();
     outlet.report.ready();
     loop {
-        let accepts = accepts_at <= Instant::now();
         outlet.report.counts().clients.store(clients.len(), Relaxed);
         // In this order: however many requests come, values are those of now, and it stops.
         tokio::select! {
@@ -98,42 +83,12 @@ async fn serve(outlet: Outlet) -> Result<(), Problem> {
                 // Fails if the connection has gone.
                 let _ = done.send(());
             }
-            Some(gone) = clients.join_next_with_id() => {
-                let id = match gone {
-                    Ok((id, ())) => id,
-                    Err(error) => error.id(),
-                };
-                addresses.remove(&id);
-            }
-            accepted = listener.accept(), if accepts => match accepted {
-                Ok((stream, from)) => {
-                    let from = from.ip().to_canonical();
-                    let own = stream.local_addr().map(|at| at.ip().to_canonical());
-                    let may = may_connect(from, own.ok(), &allowed, door.security.is_some());
-                    let here = addresses.values().filter(|address| **address == from);
-                    if may && clients.len() < CLIENTS_MAX && here.count() < PER_ADDRESS_MAX {
-                        let client = admit(Rc::clone(&door), from, stream);
-                        let id = clients.spawn_local(client).id();
-                        addresses.insert(id, from);
-                    } else {
-                        outlet.report.counts().dropped.fetch_add(1, Relaxed);
-                    }
-                }
-                // The client was gone already, or there are too many open files.
-                Err(_) => accepts_at = Instant::now() + ACCEPT_PAUSE,
+            next = clients.next() => match next {
+                Some((stream, from)) => clients.serve(from, admit(Rc::clone(&door), from, stream)),
+                None => _ = outlet.report.counts().dropped.fetch_add(1, Relaxed),
             },
-            () = sleep_until(accepts_at), if !accepts => {}
         }
     }
-}
-
-/// Whether a client at this address may connect to one of our own. Where certificates are asked
-/// for, everybody may unless networks are named.
-fn may_connect(from: IpAddr, own: Option<IpAddr>, allowed: &[Network], asks: bool) -> bool {
-    // Of this machine, also over an address of its own.
-    let is_here = from.is_loopback() || own == Some(from);
-    let is_open = asks && allowed.is_empty();
-    is_here || is_open || allowed.iter().any(|network| network.contains(from))
 }
 
 /// Serves one client as what it is, until it goes, or is to go.
@@ -342,80 +297,16 @@ impl<R: AsyncRead + Unpin, W: Answers> Client<R, W> {
 /// client: then it only connects, and tells until when certificates are valid.
 pub(super) async fn test(outlet: Outlet) -> Result<String, Problem> {
     let security = Security::open(&outlet.settings.borrow())?;
-    let mut listen = outlet.listen();
-    if listen.ip().is_unspecified() {
-        listen.set_ip(match listen {
-            SocketAddr::V4(_) => Ipv4Addr::LOCALHOST.into(),
-            SocketAddr::V6(_) => Ipv6Addr::LOCALHOST.into(),
-        });
-    }
-    let said = timeout(TEST_MAX, async {
-        match &security {
-            None => identified(listen).await,
-            Some(security) => {
+    let listen = outlet.listen();
+    match security {
+        None => identify::reached(listen, identify::identified).await,
+        Some(security) => {
+            identify::reached(listen, async |at| {
                 // Leaves without a word, which nobody counts.
-                TcpStream::connect(listen).await?;
+                TcpStream::connect(at).await?;
                 Ok(security.told().to_owned())
-            }
-        }
-    });
-    let said = said.await;
-    let said = said.unwrap_or_else(|_| Err(io::ErrorKind::TimedOut.into()));
-    said.map_err(|error| not_listening(listen, error))
-}
-
-async fn identified(listen: SocketAddr) -> io::Result<String> {
-    let [_, gateway] = GATEWAY;
-    let mut stream = TcpStream::connect(listen).await?;
-    let pdu = [gateway, 0x2B, 0x0E, 2, 0];
-    let request = [&mbap::header(1, pdu.len())[..], &pdu].concat();
-    stream.write_all(&request).await?;
-    let mut received = Vec::new();
-    loop {
-        match Message::decode(&received) {
-            Decoded::Whole { value, .. } => {
-                let said = value.pdu.get(2..).and_then(Identification::from_packed);
-                let said = said.ok_or(io::ErrorKind::InvalidData)?;
-                let texts: Vec<_> = said
-                    .objects()
-                    .map(|(_, text)| String::from_utf8_lossy(text))
-                    .collect();
-                return Ok(texts.join(" "));
-            }
-            Decoded::Malformed(_) => return Err(io::ErrorKind::InvalidData.into()),
-            Decoded::Partial { .. } => {}
-        }
-        if stream.read_buf(&mut received).await? == 0 {
-            return Err(io::ErrorKind::UnexpectedEof.into());
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn others_may_connect_where_they_are_named_or_certificates_are_asked_for() {
-        let address = |text: &str| text.parse::<IpAddr>().unwrap();
-        let (far, own) = (address("10.0.0.5"), Some(address("10.0.0.1")));
-        let named = [Network::parse("10.0.0.0/24").unwrap()];
-        let other = [Network::parse("192.168.1.0/24").unwrap()];
-        for (allowed, asks, may) in [
-            (&[][..], false, false),
-            (&[][..], true, true),
-            (&named[..], false, true),
-            (&named[..], true, true),
-            (&other[..], false, false),
-            (&other[..], true, false),
-        ] {
-            assert_eq!(
-                may_connect(far, own, allowed, asks),
-                may,
-                "{allowed:?} {asks}"
-            );
-            assert!(may_connect(address("127.0.0.1"), own, allowed, asks));
-            assert!(may_connect(address("10.0.0.1"), own, allowed, asks));
+            })
+            .await
         }
     }
 }

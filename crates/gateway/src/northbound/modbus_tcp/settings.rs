@@ -3,22 +3,15 @@
 use super::{LISTEN, roles};
 use crate::northbound::kind::texts;
 use crate::northbound::modbus::units::units;
-use crate::northbound::network::{Network, allowed};
+use crate::northbound::network;
 use railbus_site::Config;
 use railbus_site::config::Invalid;
 use railbus_site::config::change::Keys;
-use std::net::SocketAddr;
 
 /// The files of TLS: certificate, its key, and who issues the certificates of clients.
 pub(super) const FILES: [&str; 3] = ["tls_cert", "tls_key", "client_ca"];
 /// What the roles of clients may switch.
 pub(super) const ROLES: &str = "roles";
-
-/// Where it listens; none if that is not an address.
-pub(super) fn listen(settings: &Keys) -> Option<SocketAddr> {
-    let text = settings.get("listen").and_then(|value| value.as_str());
-    text.map_or(Some(LISTEN), |text| text.parse().ok())
-}
 
 /// What is wrong with its settings beyond their shapes.
 pub(super) fn check(settings: &Keys, config: &Config) -> Vec<(&'static str, Invalid)> {
@@ -34,18 +27,8 @@ pub(super) fn check(settings: &Keys, config: &Config) -> Vec<(&'static str, Inva
     if texts(settings, ROLES).any(|text| roles::entry(text).is_none()) {
         found.push((ROLES, Invalid::BadRole));
     }
-    match listen(settings) {
-        None => found.push(("listen", Invalid::BadListen)),
-        // Certificates are a guard.
-        Some(_) if is_secure => {}
-        Some(at) if !at.ip().is_loopback() && allowed(settings).is_empty() => {
-            found.push(("listen", Invalid::Unguarded));
-        }
-        Some(_) => {}
-    }
-    if texts(settings, "allow").any(|text| Network::parse(text).is_none()) {
-        found.push(("allow", Invalid::BadNetwork));
-    }
+    // Certificates are a guard.
+    found.extend(network::check(settings, LISTEN, is_secure));
     let problems = units(settings, config).problems.into_iter();
     found.extend(problems.map(|why| ("units", why)));
     found
