@@ -1,17 +1,12 @@
 """The daemon's Modbus gateway to a line: masters by others read the modules themselves beside the
 polling, switch what they may, and change nothing else."""
 
-import json
 import os
-import socket
-import tempfile
 import threading
 import time
 
-from judge.daemon import Daemon
 from modbus_cases import DONE, Raw, exception
-from modbus_tcp import ANSWER, HOST, MASTERS, Client, Simulator, ask, message, until, words
-from rig import Tally
+from modbus_tcp import ANSWER, HOST, MASTERS, Client, Plant, ask, message, until, words
 
 FUNCTION, VALUE, PATH, TARGET = exception(1), exception(3), exception(10), exception(11)
 
@@ -66,79 +61,33 @@ address = {SPARE}
 """
 
 
-class Site:
-    """Simulated modules on a line, and a daemon with gateways to it. `outlets` are their settings
-    by name, `more` is appended to the configuration; `tally` is for all checks."""
+class Site(Plant):
+    """Simulated modules on a line, and a daemon with gateways to it."""
+
+    table = "Modbus gateway to a line"
+    kind = {"type": "modbus_line", "line": "main"}
 
     def __init__(self, more="", turnaround="30ms", **outlets):
-        self.tally = Tally("Modbus gateway to a line")
-        self.folder = tempfile.TemporaryDirectory(prefix="railbus-interop-")
-        self.ports, self.held = {}, []
-        line = os.path.join(self.folder.name, "line")
-        slow = f'turnaround = "{turnaround}"'
-        text = LINE.format(line=line, slow=slow, each=EACH) + more
+        super().__init__(more, turnaround, **outlets)
+
+    def modules(self, line, turnaround):
+        """The configuration of line and modules."""
+        return LINE.format(line=line, slow=f'turnaround = "{turnaround}"', each=EACH)
+
+    def simulated(self, turnaround):
+        """The file with what is simulated: one more than the daemon has."""
         plant = os.path.join(self.folder.name, "plant.toml")
+        text = self.modules(os.path.join(self.folder.name, "line"), turnaround)
         with open(plant, "w", encoding="utf-8") as file:
-            file.write(text + SPARE_TOO + f"sim = {{ {slow} }}\n")
-        for name, settings in outlets.items():
-            self.ports[name] = self._free_port()
-            text += f'\n[outlet.{name}]\ntype = "modbus_line"\nline = "main"\n'
-            text += f'listen = "{HOST}:{self.ports[name]}"\n'
-            text += "".join(f"{key} = {json.dumps(value)}\n" for key, value in settings.items())
-        self.daemon = Daemon(self.folder.name, text)
-        self.sim = Simulator(self.folder.name, plant)
+            file.write(f'{text}{SPARE_TOO}sim = {{ turnaround = "{turnaround}" }}\n')
+        return plant
 
-    def _free_port(self):
-        """A port that nobody else gets: it stays bound here, and nothing listens."""
-        held = socket.socket()
-        held.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        held.bind((HOST, 0))
-        self.held.append(held)
-        return held.getsockname()[1]
-
-    def __enter__(self):
-        try:
-            self.sim.start()
-            self.daemon.start()
-            self.settle()
-        except BaseException:
-            self.__exit__()
-            raise
-        return self
-
-    def __exit__(self, *_):
-        self.daemon.close()
-        self.sim.kill()
-        for held in self.held:
-            held.close()
-        self.folder.cleanup()
-
-    def settle(self):
+    def settle(self, outlet=None):
         """Waits until every point is good and every gateway listens."""
         good = lambda: all(point["quality"] == "good" for point in self.points().values())
         if not until(good) or not all(until(lambda p=port: listens(p)) for port in
                                       self.ports.values()):
             raise RuntimeError("the modules are not read")
-
-    def points(self):
-        """All points as the API has them."""
-        _, answer = self.daemon.ask("GET", "/points")
-        return {point["path"]: point for point in answer["points"]}
-
-    def outputs(self, module):
-        """The outputs of a module as the API has them."""
-        points = self.points().values()
-        found = [p for p in points if (p["module"], p["kind"]) == (module, "output")]
-        return [int(p["value"]) for p in sorted(found, key=lambda p: p["index"])]
-
-    def check(self, entries, got, want, what=""):
-        """Counts."""
-        self.tally.check(entries, got, want, what)
-
-    def relays(self, entries, module, want):
-        """The simulator and the API both have these outputs."""
-        self.check(entries, self.sim.outputs(module), want, f"{module} in the simulator")
-        self.check(entries, self.outputs(module), want, f"{module} in the API")
 
 
 def listens(port):

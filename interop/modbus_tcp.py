@@ -176,20 +176,32 @@ class Plant:
     """Simulated modules, and a daemon that serves them. `outlets` are the settings of its Modbus
     TCP servers by name, `more` is appended to the configuration; `tally` is for all checks."""
 
+    table = "Modbus TCP"
+    # What all of its outlets have.
+    kind = {"type": "modbus_tcp"}
+
     def __init__(self, more="", turnaround=TURNAROUND, **outlets):
-        self.tally = Tally("Modbus TCP")
+        self.tally = Tally(self.table)
         self.folder = tempfile.TemporaryDirectory(prefix="railbus-interop-")
         self.ports, self.held = {}, []
         line = os.path.join(self.folder.name, "line")
-        slow = f'turnaround = "{turnaround}"'
-        text = PLANT.format(line=line, slow=slow, poll=POLL[turnaround]) + more
+        text = self.modules(line, turnaround) + more
         for name, settings in outlets.items():
             self.ports[name] = self._free_port()
-            text += f'\n[outlet.{name}]\ntype = "modbus_tcp"\n'
-            text += f'listen = "{HOST}:{self.ports[name]}"\n'
+            text += f"\n[outlet.{name}]\n"
+            settings = self.kind | {"listen": f"{HOST}:{self.ports[name]}"} | settings
             text += "".join(f"{key} = {json.dumps(value)}\n" for key, value in settings.items())
         self.daemon = Daemon(self.folder.name, text)
-        self.sim = Simulator(self.folder.name, self.daemon.config)
+        self.sim = Simulator(self.folder.name, self.simulated(turnaround))
+
+    def modules(self, line, turnaround):
+        """The configuration of line and modules."""
+        slow = f'turnaround = "{turnaround}"'
+        return PLANT.format(line=line, slow=slow, poll=POLL[turnaround])
+
+    def simulated(self, _turnaround):
+        """The file with what is simulated: what the daemon has."""
+        return self.daemon.config
 
     def _free_port(self):
         """A port that nobody else gets: it stays bound here, and nothing listens."""
