@@ -44,8 +44,8 @@ struct State {
 
 impl SiteUnits {
     /// The units of an outlet with the settings `modules`, `units`, `map` and `within_ms`; none
-    /// until it is told of the site ([`SiteUnits::take`]). Whoever tells it answers what is
-    /// received here, after all that happened by then.
+    /// until [`SiteUnits::take`] gets the first picture. Its caller answers each [`Sync`] that it
+    /// receives here once it has passed on all news by then.
     pub(crate) fn new(outlet: &Outlet) -> (SiteUnits, mpsc::Receiver<Sync>) {
         let (sync, syncs) = mpsc::channel(SYNCS_MAX);
         let within = Micros::from_millis(outlet.number("within_ms").unsigned_abs());

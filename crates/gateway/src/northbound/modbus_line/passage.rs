@@ -420,7 +420,7 @@ impl Passage {
         self.answer(client, request, &[function | 0x80, why.0]);
     }
 
-    /// Answers a request. A client that has gone is told nothing.
+    /// Answers a request, unless its client has disconnected.
     fn answer(&mut self, id: ClientId, request: RequestId, pdu: &[u8]) {
         let Some(client) = self.clients.get_mut(&id) else {
             return;

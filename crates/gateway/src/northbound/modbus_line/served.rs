@@ -214,7 +214,7 @@ async fn a_dead_unit_and_a_line_that_has_gone_are_said_as_such() {
         [0x85, 1]
     );
     served.order("power oven off").await;
-    // A unit that nobody has is not answered for either; others are.
+    // A unit that does not exist is not answered either; others are.
     send(&mut master, 1, OVEN, &COILS).await;
     send(&mut master, 2, 77, &COILS).await;
     send(&mut master, 3, TANK, &[3, 0, 6, 0, 2]).await;

@@ -158,7 +158,7 @@ fn a_read_goes_to_the_line_and_its_answer_back() {
     stage.end(&read, Some(&IS_ON));
     let answer = (transaction, 3, IS_ON.to_vec());
     assert_eq!(stage.answers(A), [answer]);
-    // A module that nobody has configured, and its own exception.
+    // A module that is not configured, and its own exception.
     let transaction = stage.ask(B, 200, &[4, 0, 0, 0, 2]);
     let read = stage.read();
     stage.end(&read, Some(&[0x84, 2]));
@@ -184,7 +184,7 @@ fn what_changes_more_than_outputs_never_passes() {
         (3, &[5, 0, 68, 0xFF, 0], 1),
         (3, &[0x0F, 0, 66, 0, 3, 1, 7], 1),
         (3, &[0x0F, 0, 0, 0, 61, 8, 0, 0, 0, 0, 0, 0, 0, 0], 1),
-        // A module that nobody has configured, another protocol, another line.
+        // A module that is not configured, another protocol, another line.
         (4, &ON, 1),
         (6, &[5, 0, 0, 0xFF, 0], 1),
         (7, &ON, 1),
@@ -431,7 +431,7 @@ fn a_module_that_is_not_heard_takes_no_time_of_the_line() {
     assert_eq!(stage.read().unit, 3);
 }
 
-/// A reply that was lost is not the end: the unit is asked again before its silence is told.
+/// After one lost reply the unit is asked again before exception 0B is answered.
 #[test]
 fn after_one_silence_a_unit_is_asked_again() {
     let mut stage = Stage::new();

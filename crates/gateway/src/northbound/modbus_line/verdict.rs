@@ -40,8 +40,8 @@ pub(super) struct OutputWrite {
 
 /// What becomes of a request to this unit of a line.
 ///
-/// A read passes, whoever has this address. A write passes only as a command of the site: if all
-/// that it writes are outputs of a module that the site knows. A raw frame would be bound by no
+/// Reads pass for any address. Writes pass only as commands of the site: if everything that they
+/// write is an output of a configured module. A raw frame would be bound by no
 /// rule of the configuration, and its effect would be known only later.
 pub(super) fn verdict(config: &Arc<Config>, line: &str, unit: u8, pdu: &[u8]) -> Verdict {
     if unit == GATEWAY {
