@@ -67,8 +67,9 @@ pub(crate) struct OutletKind {
     pub(crate) events: &'static str,
     /// The problem where there is no outlet of a name.
     pub(crate) missing: ProblemKind,
-    /// What is wrong with its settings beyond their shapes, each with the key.
-    pub(crate) check: fn(&Keys, &Config) -> Vec<(&'static str, Invalid)>,
+    /// What is wrong with the settings of the outlet of this name beyond their shapes, each with
+    /// the key.
+    pub(crate) check: fn(&str, &Keys, &Config) -> Vec<(&'static str, Invalid)>,
     /// Refuses destinations that only the owner of the daemon may add.
     pub(crate) may_lead: fn(old: &Config, new: &Config) -> Result<(), Problem>,
 }
@@ -209,7 +210,7 @@ impl OutletKind {
             outlets: of_its_type,
             events: TABLE,
             missing: codes::NO_SUCH_OUTLET,
-            check: |_, _| Vec::new(),
+            check: |_, _, _| Vec::new(),
             may_lead: |_, _| Ok(()),
         }
     }

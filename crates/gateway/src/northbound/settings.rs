@@ -22,7 +22,7 @@ pub(super) fn check(text: &str, config: &Config) -> Vec<ConfigProblem> {
         let kinds = || NORTHBOUND.iter().filter(|kind| kind.table == TABLE);
         match kinds().find(|kind| kind.name == outlet.kind) {
             Some(kind) => {
-                let wrong = wrong(kind, &outlet.settings, config);
+                let wrong = wrong(kind, name, &outlet.settings, config);
                 found.extend(wrong.into_iter().map(|(key, why)| (path(&key), why)));
             }
             None => {
@@ -46,7 +46,12 @@ pub(super) fn check(text: &str, config: &Config) -> Vec<ConfigProblem> {
 }
 
 /// The keys that are wrong, and why.
-fn wrong(kind: &OutletKind, settings: &Keys, config: &Config) -> Vec<(String, Invalid)> {
+fn wrong(
+    kind: &OutletKind,
+    name: &str,
+    settings: &Keys,
+    config: &Config,
+) -> Vec<(String, Invalid)> {
     let mut found = Vec::new();
     for (key, value) in settings {
         let field = kind.fields.iter().find(|field| field.key == key);
@@ -63,7 +68,7 @@ fn wrong(kind: &OutletKind, settings: &Keys, config: &Config) -> Vec<(String, In
         }
     }
     if found.is_empty() {
-        let wrong = (kind.check)(settings, config).into_iter();
+        let wrong = (kind.check)(name, settings, config).into_iter();
         found.extend(wrong.map(|(key, why)| (key.to_owned(), why)));
     }
     found

@@ -31,7 +31,7 @@ use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 pub(super) static KIND: OutletKind = OutletKind {
     notes: NOTES,
     has_clients: true,
-    check: settings::check,
+    check: |_, settings, _| settings::check(settings),
     ..OutletKind::new(
         "modbus_line",
         WORDS,

@@ -2,12 +2,11 @@
 
 use super::LISTEN;
 use crate::northbound::network;
-use railbus_site::Config;
 use railbus_site::config::Invalid;
 use railbus_site::config::change::Keys;
 
 /// What is wrong with its settings beyond their shapes.
-pub(super) fn check(settings: &Keys, _: &Config) -> Vec<(&'static str, Invalid)> {
+pub(super) fn check(settings: &Keys) -> Vec<(&'static str, Invalid)> {
     network::check(settings, LISTEN, false)
 }
 
@@ -20,7 +19,7 @@ mod tests {
     fn it_listens_to_other_machines_only_if_it_is_said_which() {
         let check = |settings: serde_json::Value| {
             let settings = settings.as_object().cloned().unwrap();
-            check(&settings, &Config::default())
+            check(&settings)
         };
         assert_eq!(check(json!({})), []);
         assert_eq!(check(json!({"listen": "[::1]:502"})), []);

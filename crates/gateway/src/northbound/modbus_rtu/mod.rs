@@ -27,7 +27,7 @@ use super::modbus::{fields, table};
 pub(super) static KIND: OutletKind = OutletKind {
     notes: NOTES,
     map: Some(table::MAP),
-    check: settings::check,
+    check: |_, settings, config| settings::check(settings, config),
     may_lead: settings::may_lead,
     ..OutletKind::new(
         "modbus_rtu",

@@ -42,7 +42,7 @@ pub(super) static KIND: OutletKind = OutletKind {
         ],
     }),
     has_clients: true,
-    check: settings::check,
+    check: |_, settings, config| settings::check(settings, config),
     ..OutletKind::new(
         "modbus_tcp",
         WORDS,

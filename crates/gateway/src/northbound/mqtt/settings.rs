@@ -107,7 +107,7 @@ pub(super) fn events(settings: &Keys) -> BTreeSet<String> {
 }
 
 /// What is wrong with its settings beyond their shapes.
-pub(super) fn check(settings: &Keys, config: &Config) -> Vec<(&'static str, Invalid)> {
+pub(super) fn check(name: &str, settings: &Keys, config: &Config) -> Vec<(&'static str, Invalid)> {
     let mut found = Vec::new();
     if text(settings, "base").is_some_and(|base| !is_base(base)) {
         found.push(("base", Invalid::BadTopic));
@@ -120,7 +120,9 @@ pub(super) fn check(settings: &Keys, config: &Config) -> Vec<(&'static str, Inva
             found.push((key, Invalid::MissingKey(other)));
         }
     }
-    if let Some(other) = same(settings, config) {
+    let mut others = same(settings, config);
+    // Of two, the second one is told.
+    if let Some(other) = others.find(|other| is_enabled(settings) && *other < name) {
         found.push(("base", Invalid::TopicsTaken(other.to_owned())));
     }
     found
@@ -130,9 +132,9 @@ fn is_enabled(settings: &Keys) -> bool {
     settings.get(ENABLED) != Some(&false.into())
 }
 
-/// The outlet before this one that has the same topics at the same broker. Both would speak in
-/// one name, and each command would be carried out by both.
-fn same<'c>(settings: &Keys, config: &'c Config) -> Option<&'c str> {
+/// The enabled outlets that have the same topics at the same broker, with that of these settings
+/// itself. Two would speak in one name, and each command would be carried out by both.
+pub(super) fn same<'c>(settings: &Keys, config: &'c Config) -> impl Iterator<Item = &'c str> {
     let place = |settings: &Keys| {
         let broker = Broker::of(settings, "", "");
         let base = text(settings, "base").unwrap_or(BASE).to_owned();
@@ -140,16 +142,13 @@ fn same<'c>(settings: &Keys, config: &'c Config) -> Option<&'c str> {
         (broker.host.to_lowercase(), broker.port, base, site)
     };
     let own = place(settings);
-    let others = config.outlets.iter();
-    // Of two, the second one is told.
-    let mut before = others.take_while(|(_, other)| !std::ptr::eq(&other.settings, settings));
-    let is_same = |other: &OutletTable| {
+    let is_same = move |other: &OutletTable| {
         other.kind == super::KIND.name
             && is_enabled(&other.settings)
             && place(&other.settings) == own
     };
-    let found = before.find(|(_, other)| is_enabled(settings) && is_same(other));
-    found.map(|(name, _)| name.as_str())
+    let others = config.outlets.iter();
+    others.filter_map(move |(name, other)| is_same(other).then_some(name.as_str()))
 }
 
 #[cfg(test)]
@@ -194,7 +193,7 @@ mod tests {
     fn what_is_no_topic_is_refused() {
         let config = Config::default();
         let found = |value| {
-            let found = check(&keys(value), &config).into_iter();
+            let found = check("scada", &keys(value), &config).into_iter();
             found.map(|(key, _)| key).collect::<Vec<_>>()
         };
         assert_eq!(found(json!({"base": "a/b", "site": "c"})), [""; 0]);
@@ -211,7 +210,7 @@ mod tests {
             let first = "[outlet.a]\ntype = \"mqtt\"\nsite = \"west\"\n";
             let text = format!("{first}[outlet.b]\ntype = \"mqtt\"\n{second}");
             let config = Config::parse(&text).unwrap();
-            let of = |name: &str| check(&config.outlets[name].settings, &config);
+            let of = |name: &str| check(name, &config.outlets[name].settings, &config);
             assert_eq!(of("a"), [], "one of them is told");
             of("b")
         };
