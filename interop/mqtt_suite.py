@@ -251,6 +251,7 @@ def life():
             order_on_connect(s)
             dead(s)
             names(s)
+            renamed(s)
             killed(s)
             restarted(s)
             frozen(s)
@@ -327,6 +328,31 @@ def names(s):
     s.told(entry, "bridge/state", "online", "back again")
     until(lambda: s.watcher.newest("railbus/works/bridge/state") == "")
     s.check(entry, s.watcher.newest("railbus/works/bridge/state"), "", "the other site")
+
+
+# How long an outlet that ends may still publish, in seconds.
+LINGERS = 1.5
+
+
+def renamed(s):
+    """An outlet of another name has the same topics: the old one takes nothing away from it."""
+    entry = "a renamed outlet keeps its values"
+    topics = ("oven/k1/state", "hall/availability", "bridge/info")
+    text = s.daemon.config.read_text(encoding="utf-8")
+    for name in ("again", "scada"):
+        since = s.watcher.count()
+        s.daemon.config.write_text(text.replace("[outlet.scada]", f"[outlet.{name}]"),
+                                   encoding="utf-8")
+        s.daemon.process.send_signal(signal.SIGHUP)
+        online = until(lambda: "online" in s.watcher.all("railbus/plant/bridge/state", since))
+        s.check(entry, online, True, f"{name} is online")
+        # Nothing more is to come.
+        until(lambda: "offline" in s.watcher.all("railbus/plant/bridge/state", since)[1:], LINGERS)
+        s.check(entry, s.newest("bridge/state"), "online", f"{name}, bridge/state")
+        # Not even for a moment: whoever comes then would find nothing.
+        told = {topic: s.watcher.all(f"railbus/plant/{topic}", since) for topic in topics}
+        gone = [topic for topic, payloads in told.items() if "" in payloads]
+        s.check(entry, gone, [], f"{name}, cleared:")
 
 
 def killed(s):

@@ -551,6 +551,7 @@ SIGSTOP: offline within 15 s
 a broker with an empty store
 a frozen broker: the newest value afterwards
 a removed outlet leaves nothing
+a renamed outlet keeps its values
 auto: 3.1.1 where 5 is refused
 version 5 only
 the test says what the broker is

@@ -345,7 +345,16 @@ impl Driver {
                     };
                 }
                 () = &mut stopped, if ends_by.is_none() => {
-                    ends_by = Some(Instant::now() + LINGER);
+                    let end = Instant::now() + LINGER;
+                    if self.is_taken_over() {
+                        // What is at these topics is the other's now, and so is `bridge/state`.
+                        self.kept.forget();
+                        drop(heard);
+                        sender.disconnect();
+                        let _ = tokio::time::timeout_at(end, pump).await;
+                        return Ended::Stopped;
+                    }
+                    ends_by = Some(end);
                     self.stop();
                 }
                 is_there = self.follow(), if ends_by.is_none() => if !is_there {
@@ -367,6 +376,14 @@ impl Driver {
             true => self.kept.forget(),
             false => _ = self.kept.keep(left),
         }
+    }
+
+    /// Whether another outlet has its topics from now on: it was renamed.
+    fn is_taken_over(&self) -> bool {
+        let config = self.outlet.service.config();
+        let settings = self.outlet.settings.borrow();
+        let is_there = config.outlets.contains_key(&self.outlet.name);
+        !is_there && settings::same(&settings, &config).next().is_some()
     }
 
     /// It is to end, maybe for good.
