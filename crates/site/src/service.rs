@@ -28,7 +28,7 @@ pub use send::{Sent, is_refused};
 pub use status::{Left, LineStatus, ModuleStatus, PointNow, PointStatus};
 pub use update::{Update, Updates};
 
-use crate::core::{Command, Context, Core, Input, LineId, News, Now, TaskId};
+use crate::core::{Command, Context, Core, Input, LineId, News, Now, State, TaskId};
 use crate::rights::Who;
 use crate::{CommandError, Config, Rights};
 use alarm::Alarm;
@@ -276,9 +276,15 @@ impl Service {
     /// # Errors
     /// [`CommandError::NoSuchLine`]. How the port is, [`Service::line`] says.
     pub async fn opened(&self, line: &str) -> Result<(), CommandError> {
-        let handle = self.inner.handle(line).ok_or(CommandError::NoSuchLine)?;
-        // The reason is a part of the line's status.
-        let _ = handle.opened().await;
+        let known = |state: &mut State| {
+            let is_known = state.lines.contains_key(line);
+            is_known.then(|| state.is_line_opened(line))
+        };
+        if !self.inner.read(known).ok_or(CommandError::NoSuchLine)? {
+            let line = line.to_owned();
+            self.ask(|core| async move { core.opened(&line).await })
+                .await;
+        }
         Ok(())
     }
 
@@ -329,7 +335,7 @@ impl Service {
         end
     }
 
-    /// Sends a raw read between the line's own exchanges.
+    /// Sends a raw read between the line's own exchanges, once its port is open.
     ///
     /// # Errors
     /// As [`Service::may_send`]; [`CommandError::NoSuchLine`], or what the line reported.
@@ -340,6 +346,7 @@ impl Service {
         terms: RawTerms,
     ) -> Result<ProbeResult, CommandError> {
         self.may_send(line, &exchange)?;
+        self.opened(line).await?;
         let (handle, probe) = self.probe_of(line, exchange, terms)?;
         Ok(handle.probe(probe).await?)
     }
@@ -365,6 +372,7 @@ impl Service {
         if Risk::of(&exchange) != Risk::Read || hidden.is_some() {
             return Err(Fault::Unsupported.into());
         }
+        self.opened(line).await?;
         let (handle, probe) = self.probe_of(line, exchange, terms)?;
         let as_module = true;
         Ok(handle.probe(Probe { as_module, ..probe }).await?)
@@ -400,9 +408,9 @@ impl Service {
     /// # Errors
     /// [`CommandError::NoSuchLine`], or [`Fault::Closed`] while the line has no port.
     pub async fn tap(&self, line: &str) -> Result<(Instant, Tap), CommandError> {
-        let handle = self.inner.handle(line).ok_or(CommandError::NoSuchLine)?;
         // A line that is only just being opened will have a port in a moment.
-        let _ = handle.opened().await;
+        self.opened(line).await?;
+        let handle = self.inner.handle(line).ok_or(Fault::Closed)?;
         let tap = handle.tap().await?;
         Ok((handle.now(), tap))
     }

@@ -160,6 +160,12 @@ impl Context {
         .await;
     }
 
+    /// Waits until the port of a line is open, or could not be opened once.
+    pub(crate) async fn opened(&self, line: &str) {
+        let is_opened = |state: &mut State| state.is_line_opened(line);
+        self.wait_in(|state| &mut state.opening, is_opened).await;
+    }
+
     /// Ends the site: pulses and leases, then the outputs with a policy for that, then its lines.
     /// Lines are not opened any more.
     ///
@@ -242,6 +248,7 @@ impl State {
                 (known.id, known.is_closing) = (None, false);
                 known.state = LineState::Absent(Arc::new(why));
                 self.publish(Update::Line(line.to_owned()));
+                self.wake_opening();
             }
         }
     }

@@ -130,7 +130,12 @@ impl State {
     /// Whether the port of a module's line is open, or could not be opened once.
     pub(super) fn is_opened(&self, module: &str) -> bool {
         let module = self.site.config().modules.get(module);
-        let line = module.and_then(|module| self.lines.get(&module.line));
+        module.is_none_or(|module| self.is_line_opened(&module.line))
+    }
+
+    /// Whether the port of a line is open, or could not be opened once.
+    pub(crate) fn is_line_opened(&self, line: &str) -> bool {
+        let line = self.lines.get(line).filter(|_| !self.is_closed);
         line.is_none_or(|line| line.state != LineState::Opening)
     }
 

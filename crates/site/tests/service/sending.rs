@@ -3,7 +3,7 @@
 
 use crate::board::{k, until};
 use crate::safety::{site, switch};
-use railbus_host::Probed;
+use railbus_host::{Fault, Probed};
 use railbus_site::{CommandError, PointQuality, PointValue, RawTerms, Service};
 use railbus_store::audit::End;
 use railbus_wire::{Address, Exchange, crc16, rtu};
@@ -30,6 +30,25 @@ pub(crate) fn frame(address: u8, number: u8, on: bool) -> Exchange<'static> {
 async fn send(service: &Service, frame: Exchange<'static>) -> Result<Probed, CommandError> {
     let sent = service.send("main", frame, RawTerms::default(), "send it".to_owned());
     Ok(sent.await?.met.outcome)
+}
+
+#[tokio::test]
+async fn a_read_waits_for_a_line_that_is_being_opened() {
+    let (port, _) = crate::board::start().await;
+    let service = crate::start(&port);
+    let coils = rtu::Request::ReadCoils(rtu::BitSpan::new(60, 8).unwrap());
+    let read = || Exchange::rtu(Address(3), coils);
+    // Nothing of the line has run yet.
+    let met = service.raw("main", read(), RawTerms::default()).await;
+    assert_eq!(met.unwrap().outcome, Probed::Answered);
+    service.close().await;
+    let end = service.raw("main", read(), RawTerms::default()).await;
+    assert_eq!(end.unwrap_err(), CommandError::Lent);
+
+    // The first failure ends the waiting, not only an open port.
+    let service = crate::start_absent();
+    let end = service.raw("main", read(), RawTerms::default()).await;
+    assert_eq!(end.unwrap_err(), CommandError::Line(Fault::Closed));
 }
 
 #[tokio::test]
