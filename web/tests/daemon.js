@@ -84,6 +84,10 @@ export async function open(browser, { lang, width, scheme }) {
   const page = await context.newPage();
   const wrong = [];
   page.on("console", (message) => message.type() === "error" && wrong.push(`console: ${message.text()}`));
+  // What the console leaves out.
+  page.on("response", async (answer) => {
+    if (answer.status() >= 500) console.log(`# ${answer.url()}: ${answer.status()} ${await answer.text()}`);
+  });
   page.on("pageerror", (error) => wrong.push(`error: ${error.message}`));
   await page.exposeFunction("reportPolicy", (what) => wrong.push(`policy: ${what}`));
   await page.addInitScript(() => {
