@@ -3,7 +3,6 @@
 //! disk, no command waits for it: what can't be stored is dropped and counted.
 
 mod chart;
-mod db;
 mod event;
 mod prune;
 mod read;
@@ -14,8 +13,9 @@ pub use event::{Ack, Event, EventKind, Severity};
 pub use prune::Keep;
 pub use read::{EventQuery, HistoryError, KeptEvents, PIECE_MAX, Storage, StoredEvent};
 
+use crate::database::Schema;
 use read::Readers;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -30,6 +30,38 @@ const QUEUE_MAX: usize = 16_384;
 const WAIT_MAX: Duration = Duration::from_secs(2);
 /// How many notices of the writer may be pending.
 const NOTICES_MAX: usize = 32;
+
+/// Migrations from one schema version to the next.
+const MIGRATIONS: &[&str] = &[
+    "CREATE TABLE meta (key TEXT PRIMARY KEY, value INTEGER NOT NULL) WITHOUT ROWID;
+     CREATE TABLE points (id INTEGER PRIMARY KEY, path TEXT NOT NULL UNIQUE);
+     CREATE TABLE samples (
+        point INTEGER NOT NULL,
+        t INTEGER NOT NULL,
+        v REAL,
+        q INTEGER NOT NULL,
+        PRIMARY KEY (point, t)
+     ) WITHOUT ROWID;
+     CREATE TABLE events (
+        id TEXT PRIMARY KEY, t INTEGER NOT NULL, kind TEXT NOT NULL, severity TEXT NOT NULL,
+        module TEXT, point TEXT, line TEXT, who TEXT, via TEXT, what TEXT, before TEXT,
+        after TEXT, \"end\" TEXT, code TEXT, text TEXT,
+        ack_who TEXT, ack_t INTEGER, ack_comment TEXT
+     ) WITHOUT ROWID;
+     CREATE INDEX events_of_module ON events (module, id);
+     CREATE INDEX events_of_kind ON events (kind, id);",
+];
+
+const SCHEMA: Schema = Schema {
+    migrations: MIGRATIONS,
+    tables: &["meta", "points", "samples", "events"],
+    is_durable: false,
+};
+
+/// The path of a folder's history.
+fn file_of(folder: &Path) -> PathBuf {
+    folder.join("history.db")
+}
 
 /// The quality of a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

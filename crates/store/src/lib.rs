@@ -16,6 +16,7 @@
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::panic))]
 
 pub mod audit;
+mod database;
 pub mod durable;
 pub mod history;
 pub mod journal;

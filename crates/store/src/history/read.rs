@@ -1,9 +1,10 @@
 //! Reading the database: through separate connections, a few at a time.
 
 use super::chart::Plotter;
-use super::db;
+use super::file_of;
 use super::{Ack, Chart, Counters, Event, EventKind, History, Sample, SampleQuality, Severity};
 use super::{millis, prune};
+use crate::database;
 use rusqlite::types::Value;
 use rusqlite::{Connection, OptionalExtension, Row, params, params_from_iter};
 use std::fmt;
@@ -162,7 +163,7 @@ impl Readers {
             return Ok(known);
         }
         drop(idle);
-        Ok((generation, db::open_to_read(&self.folder)?))
+        Ok((generation, database::open_to_read(&file_of(&self.folder))?))
     }
 
     fn give_back(&self, generation: u64, db: Connection) {
@@ -310,7 +311,7 @@ impl History {
     /// Size and state of the history.
     pub async fn storage(&self) -> Storage {
         self.written().await;
-        let wal = format!("{}-wal", db::file_of(&self.readers.folder).display());
+        let wal = format!("{}-wal", file_of(&self.readers.folder).display());
         let mut storage = self.readers.read(storage).await.unwrap_or_default();
         storage.wal_bytes = std::fs::metadata(wal).map_or(0, |wal| wal.len());
         storage.dropped = self.dropped();

@@ -1,8 +1,8 @@
 //! The one thread that writes the database.
 
-use super::db::{self, DbFault, trouble};
 use super::{Ack, Counters, Event, EventKind, HistoryError, Keep, Sample, SampleQuality, Severity};
-use super::{millis, prune};
+use super::{SCHEMA, file_of, millis, prune};
+use crate::database::{self, DbFault, trouble};
 use rusqlite::{Connection, Transaction, params};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -224,7 +224,7 @@ impl Writer {
 
     /// Opens the database; nothing is known about the time since the last program ended.
     fn open(&mut self) -> rusqlite::Result<Connection> {
-        let mut db = db::open(&self.folder)?;
+        let mut db = database::open(&file_of(&self.folder), &SCHEMA)?;
         let step = db.transaction()?;
         step.execute(
             "INSERT OR IGNORE INTO samples
@@ -247,7 +247,7 @@ impl Writer {
     fn begin_anew(&mut self, why: &rusqlite::Error) {
         self.db = None;
         self.points.clear();
-        let aside = db::put_aside(&self.folder, millis(SystemTime::now()));
+        let aside = database::put_aside(&file_of(&self.folder), millis(SystemTime::now()));
         let told = match aside {
             Ok(path) => format!("{why}: {}", path.display()),
             Err(failed) => format!("{why}; {failed}"),
