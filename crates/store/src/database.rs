@@ -83,6 +83,20 @@ pub(crate) fn open_to_read(file: &Path) -> rusqlite::Result<Connection> {
     Ok(db)
 }
 
+/// Gives so many free pages back to the system.
+pub(crate) fn shrink(db: &Connection, pages: i64) -> rusqlite::Result<()> {
+    let mut vacuum = db.prepare(&format!("PRAGMA incremental_vacuum({pages})"))?;
+    // Each step gives one page back.
+    let mut steps = vacuum.query([])?;
+    while steps.next()?.is_some() {}
+    Ok(())
+}
+
+/// Makes a checkpoint and truncates the log; left for later if it is still being read.
+pub(crate) fn checkpoint(db: &Connection) -> rusqlite::Result<()> {
+    db.query_row("PRAGMA wal_checkpoint(TRUNCATE)", [], |_| Ok(()))
+}
+
 /// What an error of the database amounts to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum DbFault {
@@ -149,5 +163,37 @@ fn forget_old(file: &Path) {
     let too_many = broken.len().saturating_sub(ASIDE_MAX);
     for name in broken.iter().take(too_many) {
         remove(&file.with_file_name(name));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn as_many_pages_are_given_back_as_it_is_asked_for() {
+        let schema = Schema {
+            migrations: &["CREATE TABLE big (bytes BLOB)"],
+            tables: &["big"],
+            is_durable: false,
+        };
+        let name = format!("railbus-shrink-{}.db", std::process::id());
+        let file = std::env::temp_dir().join(name);
+        let db = open(&file, &schema).unwrap();
+        let pages = || -> i64 {
+            db.pragma_query_value(None, "page_count", |row| row.get(0))
+                .unwrap()
+        };
+        db.execute("INSERT INTO big VALUES (zeroblob(1000000))", [])
+            .unwrap();
+        db.execute("DELETE FROM big", []).unwrap();
+        let before = pages();
+        shrink(&db, 100).unwrap();
+        assert_eq!(pages(), before - 100);
+        shrink(&db, 100_000).unwrap();
+        assert!(pages() < 10, "{}", pages());
+        drop(db);
+        remove(&file);
+        assert!(!file.exists());
     }
 }

@@ -1,5 +1,6 @@
 //! Deletes what is too old, and then the oldest while there is too much.
 
+use crate::database;
 use rusqlite::{Connection, params};
 
 /// A day, in milliseconds.
@@ -48,7 +49,7 @@ pub(super) fn prune(db: &Connection, keep: Keep, now: i64) -> rusqlite::Result<b
         forget_events(db, cutoff)?;
     }
     if free_pages(db)? > PAGES_MAX {
-        db.execute_batch(&format!("PRAGMA incremental_vacuum({PAGES_MAX})"))?;
+        database::shrink(db, PAGES_MAX)?;
     }
     Ok(steps == 0)
 }

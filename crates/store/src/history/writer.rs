@@ -2,7 +2,7 @@
 
 use super::{Ack, Counters, Event, EventKind, HistoryError, Keep, Sample, SampleQuality, Severity};
 use super::{SCHEMA, file_of, millis, prune};
-use crate::database::{self, DbFault, trouble};
+use crate::database::{self, DbFault, checkpoint, trouble};
 use rusqlite::{Connection, Transaction, params};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -291,11 +291,6 @@ impl Writer {
         let event = Event::new(EventKind::System, severity, code).text(text);
         let _ = self.notify.try_send(event);
     }
-}
-
-/// Makes a checkpoint and truncates the log; left for later if it is still being read.
-fn checkpoint(db: &Connection) -> rusqlite::Result<()> {
-    db.query_row("PRAGMA wal_checkpoint(TRUNCATE)", [], |_| Ok(()))
 }
 
 /// Records that all is well so far: current values are valid until now.
