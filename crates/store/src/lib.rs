@@ -1,4 +1,5 @@
-//! What a site keeps on disk: its history, its audit log, and the journal of changed settings. No
+//! What a site keeps on disk: its history, its audit log, the journal of changed settings,
+//! and what other programs are still to get. No
 //! command waits for the history; if there is a working audit log, no output is switched before the
 //! command is in it.
 //!
@@ -8,6 +9,8 @@
 //!   where the configuration says none); charts: `history/chart`.
 //! - Who did what and how it ended: `audit` (when a new file begins: `audit/files`; hashes:
 //!   `audit/chain`).
+//! - What another program is still to get, until it has it: `outbox`.
+//! - What history and outbox do with their files: `database`.
 //! - What must be whole after a loss of power: `durable`; the file of the journal of changed
 //!   settings, whose records are `railbus_commission`'s: `journal`.
 
@@ -20,6 +23,7 @@ mod database;
 pub mod durable;
 pub mod history;
 pub mod journal;
+pub mod outbox;
 mod ulid;
 
 pub use ulid::Ulids;

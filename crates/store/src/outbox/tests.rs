@@ -1,0 +1,219 @@
+use super::*;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+/// A file of its own, removed at the end.
+struct Place(PathBuf);
+
+impl Place {
+    fn new() -> Place {
+        static COUNT: AtomicU32 = AtomicU32::new(0);
+        let number = COUNT.fetch_add(1, Ordering::Relaxed);
+        let folder = std::env::temp_dir();
+        let folder = folder.join(format!("railbus-outbox-{}-{number}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        Place(folder)
+    }
+
+    fn file(&self) -> PathBuf {
+        self.0.join("plant.outbox.db")
+    }
+
+    fn open(&self) -> Outbox {
+        Outbox::open(&self.file()).unwrap()
+    }
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+fn reading(at: i64, value: &str) -> Entry {
+    Entry {
+        at,
+        what: EntryKind::Reading {
+            path: format!("oven.k{}", at % 3),
+            value: Some(value.to_owned()),
+            quality: "good".to_owned(),
+            reason: None,
+            time: Some(at - 5),
+        },
+    }
+}
+
+fn readings(from: i64, count: i64) -> Vec<Entry> {
+    (from..from + count).map(|at| reading(at, "true")).collect()
+}
+
+fn numbers(piece: &Piece) -> std::ops::Range<u64> {
+    piece.first..piece.first + piece.entries.len() as u64
+}
+
+#[test]
+fn what_goes_in_comes_out_in_its_order_and_stays_until_it_is_delivered() {
+    let place = Place::new();
+    let mut outbox = place.open();
+    assert_eq!(outbox.read(0, 10), Ok(None));
+    assert_eq!((outbox.newest(), outbox.newest_at()), (Ok(0), Ok(None)));
+    let gap = Entry {
+        at: 3,
+        what: EntryKind::Gap {
+            from: Some(2),
+            reason: "restart".to_owned(),
+        },
+    };
+    let bad = Entry {
+        at: 4,
+        what: EntryKind::Reading {
+            path: "oven.ai1".to_owned(),
+            value: None,
+            quality: "bad".to_owned(),
+            reason: Some("offline".to_owned()),
+            time: None,
+        },
+    };
+    let all = vec![reading(1, "true"), reading(2, "21.5"), gap, bad];
+    assert_eq!(outbox.append(&all), Ok(4));
+    let first = outbox.read(0, 3).unwrap().unwrap();
+    assert_eq!((numbers(&first), &first.entries[..]), (1..4, &all[..3]));
+    let rest = outbox.read(3, 3).unwrap().unwrap();
+    assert_eq!((numbers(&rest), &rest.entries[..]), (4..5, &all[3..]));
+    assert_eq!(outbox.read(4, 3), Ok(None));
+
+    outbox.delivered(2).unwrap();
+    let left = outbox.read(0, 10).unwrap().unwrap();
+    assert_eq!((numbers(&left), left.missing), (3..5, None));
+    assert_eq!(outbox.newest_at(), Ok(Some(4)));
+}
+
+#[test]
+fn no_number_is_used_twice() {
+    let place = Place::new();
+    let mut outbox = place.open();
+    let epoch = outbox.epoch().to_owned();
+    outbox.append(&readings(1, 5)).unwrap();
+    outbox.delivered(5).unwrap();
+    drop(outbox);
+    let mut outbox = place.open();
+    assert_eq!((outbox.epoch(), outbox.newest()), (&*epoch, Ok(5)));
+    assert_eq!(
+        outbox.newest_at(),
+        Ok(Some(5)),
+        "of what is no longer there"
+    );
+    assert_eq!(outbox.append(&readings(9, 1)), Ok(6));
+    let piece = outbox.read(0, 10).unwrap().unwrap();
+    assert_eq!((numbers(&piece), piece.missing), (6..7, None));
+    // What was told before does not take anything back.
+    outbox.delivered(2).unwrap();
+    assert_eq!(outbox.read(0, 10).unwrap(), Some(piece));
+}
+
+#[test]
+fn what_is_dropped_is_told() {
+    let place = Place::new();
+    let mut outbox = place.open();
+    outbox.append(&readings(1_000, 10)).unwrap();
+    outbox.delivered(3).unwrap();
+    let keep = |age_ms| OutboxKeep {
+        age_ms,
+        bytes: u64::MAX,
+    };
+    assert_eq!(outbox.prune(keep(500), 1_500), Ok((0, false)));
+    assert_eq!(outbox.prune(keep(500), 1_506), Ok((3, false)));
+    let missing = |count, from, to| {
+        Some(Missing {
+            count,
+            from: Some(from),
+            to,
+        })
+    };
+    let piece = outbox.read(0, 2).unwrap().unwrap();
+    assert_eq!(
+        (numbers(&piece), piece.missing),
+        (7..9, missing(3, 1_002, 1_006))
+    );
+    // Also after what is on its way.
+    assert_eq!(outbox.prune(keep(500), 1_509), Ok((3, false)));
+    let piece = outbox.read(8, 2).unwrap().unwrap();
+    assert_eq!(
+        (numbers(&piece), piece.missing),
+        (10..11, missing(1, 1_002, 1_009))
+    );
+    outbox.delivered(10).unwrap();
+    assert_eq!(outbox.prune(keep(0), 9_999), Ok((0, false)));
+    assert_eq!(outbox.append(&readings(2_000, 1)), Ok(11));
+    assert_eq!(outbox.read(0, 2).unwrap().unwrap().missing, None);
+}
+
+#[test]
+fn it_does_not_outgrow_its_bytes() {
+    let place = Place::new();
+    let mut outbox = place.open();
+    outbox.append(&readings(1, 50_000)).unwrap();
+    let bytes = outbox.used().unwrap();
+    let keep = OutboxKeep {
+        age_ms: i64::MAX,
+        bytes: bytes / 2,
+    };
+    assert_eq!(outbox.prune(keep, 60_000), Ok((20_000, true)));
+    assert_eq!(outbox.prune(keep, 60_000), Ok((20_000, true)));
+    assert_eq!(outbox.prune(keep, 60_000), Ok((0, false)));
+    let piece = outbox.read(0, 1).unwrap().unwrap();
+    assert_eq!(
+        (piece.first, piece.missing.unwrap().count),
+        (40_001, 40_000)
+    );
+    outbox.tidy().unwrap();
+    let size = std::fs::metadata(place.file()).unwrap().len();
+    assert!(size <= bytes / 2, "{size} of {bytes}");
+}
+
+#[test]
+fn a_broken_file_is_put_aside_and_another_epoch_begins() {
+    let place = Place::new();
+    let mut outbox = place.open();
+    outbox.append(&readings(1, 3)).unwrap();
+    let epoch = outbox.epoch().to_owned();
+    drop(outbox);
+    std::fs::write(place.file(), "This is no database, but text.").unwrap();
+    let mut outbox = place.open();
+    assert_ne!(outbox.epoch(), epoch);
+    assert_eq!(outbox.append(&readings(1, 1)), Ok(1));
+    let names = std::fs::read_dir(&place.0).unwrap();
+    let names = names.map(|entry| entry.unwrap().file_name().into_string().unwrap());
+    let aside = names.filter(|name| name.starts_with("plant.outbox.broken-"));
+    assert_eq!(aside.count(), 1);
+
+    drop(outbox);
+    Outbox::remove(&place.file());
+    assert!(!place.file().exists());
+}
+
+#[test]
+fn what_fails_leaves_nothing_half_done() {
+    let place = Place::new();
+    let mut outbox = place.open();
+    outbox.append(&readings(1, 2)).unwrap();
+    outbox
+        .db
+        .execute_batch(
+            "CREATE TRIGGER refuse BEFORE INSERT ON entries WHEN new.at = 13
+             BEGIN SELECT raise(ABORT, 'no'); END",
+        )
+        .unwrap();
+    let failed = outbox.append(&readings(11, 5)).unwrap_err();
+    assert_eq!((failed.is_full, &*failed.reason), (false, "no"));
+    assert_eq!(
+        (outbox.newest(), outbox.append(&readings(21, 1))),
+        (Ok(2), Ok(3))
+    );
+    let piece = outbox.read(0, 10).unwrap().unwrap();
+    let path = |entry: &Entry| match &entry.what {
+        EntryKind::Reading { path, .. } => path.clone(),
+        EntryKind::Gap { .. } => String::new(),
+    };
+    let paths: Vec<String> = piece.entries.iter().map(path).collect();
+    assert_eq!(paths, ["oven.k1", "oven.k2", "oven.k0"]);
+}
