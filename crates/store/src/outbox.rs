@@ -19,9 +19,10 @@ const PAGES_MAX: i64 = 2_000;
 const PATHS_MAX: usize = 65_536;
 
 const SCHEMA: Schema = Schema {
-    // `meta` has one row. All up to `taken` is delivered; that one was made at `taken_at`.
+    // `meta` has one row. All up to `taken` is delivered; that one was made at `taken_at`. Every
+    // change until `known` is here.
     migrations: &["CREATE TABLE meta (
-            epoch TEXT NOT NULL, taken INTEGER NOT NULL, taken_at INTEGER
+            epoch TEXT NOT NULL, taken INTEGER NOT NULL, taken_at INTEGER, known INTEGER
          );
          CREATE TABLE paths (id INTEGER PRIMARY KEY, path TEXT NOT NULL UNIQUE);
          CREATE TABLE entries (
@@ -118,8 +119,8 @@ pub struct Outbox {
 /// Why an outbox does not do what it should.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct OutboxError {
-    /// The disk is full.
-    pub is_full: bool,
+    /// The file is broken; opened again, it is put aside.
+    pub is_broken: bool,
     /// What the database says.
     pub reason: String,
 }
@@ -135,7 +136,7 @@ impl std::error::Error for OutboxError {}
 impl From<rusqlite::Error> for OutboxError {
     fn from(error: rusqlite::Error) -> OutboxError {
         OutboxError {
-            is_full: database::trouble(&error) == DbFault::Full,
+            is_broken: database::trouble(&error) == DbFault::Broken,
             reason: error.to_string(),
         }
     }
@@ -152,7 +153,7 @@ impl Outbox {
             Err(why) if database::trouble(&why) == DbFault::Broken => {
                 let now = crate::history::millis(SystemTime::now());
                 database::put_aside(file, now).map_err(|error| OutboxError {
-                    is_full: false,
+                    is_broken: true,
                     reason: format!("{why}: {error}"),
                 })?;
                 Outbox::try_open(file)
@@ -164,6 +165,8 @@ impl Outbox {
 
     fn try_open(file: &Path) -> rusqlite::Result<Outbox> {
         let mut db = database::open(file, &SCHEMA)?;
+        // Of two owners the second one is refused.
+        db.pragma_update(None, "locking_mode", "exclusive")?;
         let known = db
             .query_row("SELECT epoch FROM meta", [], |row| row.get(0))
             .optional()?;
@@ -172,7 +175,7 @@ impl Outbox {
             None => {
                 let epoch = Ulids::default().next(SystemTime::now());
                 let step = db.transaction()?;
-                step.execute("INSERT INTO meta VALUES (?1, 0, NULL)", [&epoch])?;
+                step.execute("INSERT INTO meta VALUES (?1, 0, NULL, NULL)", [&epoch])?;
                 step.commit()?;
                 epoch
             }
@@ -223,14 +226,14 @@ impl Outbox {
             self.paths.clear();
         }
         end?;
-        Ok(self.newest()?)
+        self.newest()
     }
 
     /// The number of the newest entry; 0 if there never was one.
     ///
     /// # Errors
     /// [`OutboxError`].
-    pub fn newest(&self) -> Result<u64, rusqlite::Error> {
+    pub fn newest(&self) -> Result<u64, OutboxError> {
         let newest = self
             .db
             .prepare_cached("SELECT seq FROM sqlite_sequence WHERE name = 'entries'")?
@@ -239,12 +242,12 @@ impl Outbox {
         Ok(number(newest.unwrap_or(0)))
     }
 
-    /// When the newest entry was made, in milliseconds since 1970; none if there never was one.
+    /// Every change until this time is here, in milliseconds since 1970; none if it is new.
     ///
     /// # Errors
     /// [`OutboxError`].
-    pub fn newest_at(&self) -> Result<Option<i64>, OutboxError> {
-        let newest = self
+    pub fn known_until(&self) -> Result<Option<i64>, OutboxError> {
+        let newest: Option<i64> = self
             .db
             .query_row(
                 "SELECT at FROM entries ORDER BY seq DESC LIMIT 1",
@@ -252,13 +255,30 @@ impl Outbox {
                 |row| row.get(0),
             )
             .optional()?;
-        Ok(match newest {
-            Some(at) => Some(at),
-            None => self.taken()?.at,
-        })
+        let known: Option<i64> = self
+            .db
+            .query_row("SELECT known FROM meta", [], |row| row.get(0))?;
+        Ok(newest.max(known).max(self.last_taken()?.at))
     }
 
-    fn taken(&self) -> rusqlite::Result<Taken> {
+    /// Writes down that every change until this time is here.
+    ///
+    /// # Errors
+    /// [`OutboxError`].
+    pub fn known(&self, at: i64) -> Result<(), OutboxError> {
+        self.db.execute("UPDATE meta SET known = ?1", [at])?;
+        Ok(())
+    }
+
+    /// Up to which number everything is delivered.
+    ///
+    /// # Errors
+    /// [`OutboxError`].
+    pub fn taken(&self) -> Result<u64, OutboxError> {
+        Ok(self.last_taken()?.seq)
+    }
+
+    fn last_taken(&self) -> rusqlite::Result<Taken> {
         self.db
             .prepare_cached("SELECT taken, taken_at FROM meta")?
             .query_row([], |row| {
@@ -274,7 +294,7 @@ impl Outbox {
     /// # Errors
     /// [`OutboxError`].
     pub fn read(&self, after: u64, count: usize) -> Result<Option<Piece>, OutboxError> {
-        let taken = self.taken()?;
+        let taken = self.last_taken()?;
         let after = after.max(taken.seq);
         let mut find = self.db.prepare_cached(
             "SELECT seq, at, path, value, quality, reason, time,

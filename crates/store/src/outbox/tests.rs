@@ -55,7 +55,7 @@ fn what_goes_in_comes_out_in_its_order_and_stays_until_it_is_delivered() {
     let place = Place::new();
     let mut outbox = place.open();
     assert_eq!(outbox.read(0, 10), Ok(None));
-    assert_eq!((outbox.newest(), outbox.newest_at()), (Ok(0), Ok(None)));
+    assert_eq!((outbox.newest(), outbox.known_until()), (Ok(0), Ok(None)));
     let gap = Entry {
         at: 3,
         what: EntryKind::Gap {
@@ -84,7 +84,7 @@ fn what_goes_in_comes_out_in_its_order_and_stays_until_it_is_delivered() {
     outbox.delivered(2).unwrap();
     let left = outbox.read(0, 10).unwrap().unwrap();
     assert_eq!((numbers(&left), left.missing), (3..5, None));
-    assert_eq!(outbox.newest_at(), Ok(Some(4)));
+    assert_eq!(outbox.known_until(), Ok(Some(4)));
 }
 
 #[test]
@@ -98,16 +98,30 @@ fn no_number_is_used_twice() {
     let mut outbox = place.open();
     assert_eq!((outbox.epoch(), outbox.newest()), (&*epoch, Ok(5)));
     assert_eq!(
-        outbox.newest_at(),
+        outbox.known_until(),
         Ok(Some(5)),
         "of what is no longer there"
     );
     assert_eq!(outbox.append(&readings(9, 1)), Ok(6));
     let piece = outbox.read(0, 10).unwrap().unwrap();
     assert_eq!((numbers(&piece), piece.missing), (6..7, None));
+    assert_eq!(outbox.known_until(), Ok(Some(9)));
+    outbox.known(30).unwrap();
+    assert_eq!(outbox.known_until(), Ok(Some(30)));
     // What was told before does not take anything back.
     outbox.delivered(2).unwrap();
     assert_eq!(outbox.read(0, 10).unwrap(), Some(piece));
+}
+
+#[test]
+fn it_has_one_owner() {
+    let place = Place::new();
+    let mut outbox = place.open();
+    let second = Outbox::open(&place.file()).unwrap_err();
+    assert!(!second.is_broken, "{second:?}");
+    outbox.append(&readings(1, 1)).unwrap();
+    drop(outbox);
+    assert_eq!(place.open().newest(), Ok(1));
 }
 
 #[test]
@@ -204,7 +218,7 @@ fn what_fails_leaves_nothing_half_done() {
         )
         .unwrap();
     let failed = outbox.append(&readings(11, 5)).unwrap_err();
-    assert_eq!((failed.is_full, &*failed.reason), (false, "no"));
+    assert_eq!((failed.is_broken, &*failed.reason), (false, "no"));
     assert_eq!(
         (outbox.newest(), outbox.append(&readings(21, 1))),
         (Ok(2), Ok(3))
