@@ -2,7 +2,7 @@
 // and then a relay is switched and seen to be confirmed. Nothing is edited by hand.
 import assert from "node:assert/strict";
 import { after, before, test } from "node:test";
-import { browse, faults, LOOKS, open, PASSWORD, serve, words } from "./daemon.js";
+import { browse, faults, LOOKS, open, PASSWORD, PATIENCE_MS, serve, words } from "./daemon.js";
 
 let browser;
 before(async () => (browser = await browse()));
@@ -28,7 +28,13 @@ for (const look of LOOKS) {
       await sound("line");
       await press("next");
       await press("scan_start");
-      await page.getByText(t("op_done"), { exact: true }).waitFor();
+      const ends = ["op_done", "op_cancelled", "op_failed"].map(t);
+      const end = page.getByText(new RegExp(`^(${ends.join("|")})$`));
+      // It asks every address, and waits for each that is silent.
+      await end.waitFor({ timeout: 4 * PATIENCE_MS }).catch(async (error) => {
+        throw new Error(`the scan does not end: ${await page.locator("main").innerText()}`, { cause: error });
+      });
+      assert.equal(await end.innerText(), t("op_done"));
       const pump = page.locator("li", { hasText: "EDA9060A" }).getByRole("textbox");
       await pump.fill("pump_house");
       await sound("scan");
