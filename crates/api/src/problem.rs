@@ -252,6 +252,10 @@ pub mod codes {
         BROKER_FILE = "E0856", 500;
         /// Also `broker`: host and port, `topic`, `reason`.
         BROKER_TOPIC = "E0932", 403;
+        /// Also `count`, `days`.
+        OUTBOX_DROPPED = "E0933", 507;
+        /// Also `path`, `reason`.
+        OUTBOX_FAILS = "E0934", 507;
         /// Also `broker`, `reason`.
         BROKER_UNREACHED = "E0896", 502;
         /// Also `broker`, `reason`.

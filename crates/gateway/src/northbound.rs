@@ -13,6 +13,7 @@ mod modbus_rtu;
 mod modbus_tcp;
 mod mqtt;
 mod network;
+mod outbox;
 mod outlet;
 pub(super) mod routes;
 mod run;

@@ -165,7 +165,7 @@ pub(super) const fn raw(value: Option<railbus_site::PointValue>) -> Option<u16> 
 }
 
 /// The quality of a value, and why it is bad.
-pub(super) const fn quality(quality: railbus_site::PointQuality) -> (Quality, Option<Reason>) {
+pub const fn quality(quality: railbus_site::PointQuality) -> (Quality, Option<Reason>) {
     match quality {
         railbus_site::PointQuality::Good => (Quality::Good, None),
         railbus_site::PointQuality::Stale => (Quality::Stale, None),

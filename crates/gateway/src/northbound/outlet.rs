@@ -117,6 +117,12 @@ impl Outlet {
         self.folder.join(name)
     }
 
+    /// The file of its outbox.
+    pub(crate) fn outbox_file(&self) -> PathBuf {
+        let name = format!("{}-{}.outbox.db", self.kind.name, self.name);
+        self.folder.join(name)
+    }
+
     /// Resolves when it must end. It then has [`super::supervisor::STOP_MAX`].
     pub(crate) fn stopped(&self) -> impl Future<Output = ()> + use<> {
         let mut stop = self.stop.clone();

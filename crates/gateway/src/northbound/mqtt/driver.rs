@@ -5,18 +5,22 @@ use super::dial::Dial;
 use super::ends;
 use super::kept::Kept;
 use super::link::{self, Broken, Heard, Login, Receiver, Sender, Step, Version};
-use super::node::{Input, Node, Output, Reply, Setup, WINDOW};
+use super::node::{Input, Node, Output, Reply, Setup, Verdict, WINDOW};
+use super::replay::{self, Packed};
 use super::settings::{self, Broker, Spoken};
 use super::topics::Topics;
 use super::turns::Turns;
 use crate::access::secret::random;
+use crate::northbound::outbox::{self, OutboxHandle, OutboxSetup, OutboxState};
 use crate::northbound::outlet::Outlet;
 use hyper::body::Bytes;
 use railbus_api::problem::{Problem, codes};
 use railbus_site::{Events, Follower, News};
+use railbus_store::outbox::Piece;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::pin::{Pin, pin};
+use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::{Duration, SystemTime};
 use tokio::sync::mpsc;
@@ -30,6 +34,8 @@ const WAIT_MAX: Duration = Duration::from_secs(60);
 const STEADY: Duration = Duration::from_secs(30);
 /// At the end, the broker has this time to take what is left.
 const LINGER: Duration = Duration::from_millis(900);
+/// The outbox has this time to write what waits.
+const CLOSE_MAX: Duration = Duration::from_secs(3);
 /// How long a test waits until the broker says what it is.
 const LOOK_MAX: Duration = Duration::from_secs(1);
 /// Where many brokers say what they are.
@@ -45,6 +51,9 @@ enum Ended {
     Broken(Problem),
 }
 
+/// A piece of the outbox that is being read, and whose numbers it has.
+type Reading = Pin<Box<dyn Future<Output = Option<(Arc<str>, Piece)>>>>;
+
 /// An outlet at work.
 struct Driver {
     outlet: Outlet,
@@ -56,6 +65,11 @@ struct Driver {
     jobs: JoinSet<(Reply, Value)>,
     turns: Turns,
     kept: Kept,
+    outbox: Option<OutboxHandle>,
+    /// What is being read of it.
+    reading: Option<Reading>,
+    /// How large a message may be on the present connection.
+    limit: Option<usize>,
     /// The outlet's own topics of what is with the broker, or on its way to it.
     flying: BTreeMap<u64, String>,
     began: Instant,
@@ -73,13 +87,16 @@ pub(super) async fn run(outlet: Outlet, events: Events) -> Result<(), Problem> {
             settings::events(&keys),
         )
     };
+    let days = outlet.number("replay_days");
+    let outbox = outbox(&outlet, &topics, days)?;
     let node = Node::new(Setup {
         site: outlet.site.to_string(),
         topics: topics.clone(),
         events: kinds,
         old: kept.topics().clone(),
+        has_outbox: days > 0,
     });
-    let driver = Driver {
+    let mut driver = Driver {
         topics,
         node,
         site: outlet.service.follow(),
@@ -87,17 +104,40 @@ pub(super) async fn run(outlet: Outlet, events: Events) -> Result<(), Problem> {
         jobs: JoinSet::new(),
         turns: Turns::default(),
         kept,
+        outbox,
+        reading: None,
+        limit: None,
         flying: BTreeMap::new(),
         began: Instant::now(),
         is_gone: false,
         outlet,
     };
     driver.work().await;
+    driver.end().await;
     Ok(())
 }
 
+/// The outbox of an outlet that keeps changes for so many days; none if it keeps none.
+fn outbox(outlet: &Outlet, topics: &Topics, days: i64) -> Result<Option<OutboxHandle>, Problem> {
+    if days == 0 {
+        outbox::remove(&outlet.outbox_file());
+        return Ok(None);
+    }
+    let topics = topics.clone();
+    let setup = OutboxSetup {
+        file: outlet.outbox_file(),
+        days,
+        has: Box::new(move |module| topics.has(module)),
+        site: outlet.service.follow(),
+        report: outlet.report.clone(),
+    };
+    let broken =
+        |error: std::io::Error| Problem::new(codes::INTERNAL).with("reason", error.to_string());
+    OutboxHandle::start(setup).map(Some).map_err(broken)
+}
+
 impl Driver {
-    async fn work(mut self) {
+    async fn work(&mut self) {
         // Nothing is told before it is known.
         let Some(news) = self.site.next().await else {
             return;
@@ -149,6 +189,16 @@ impl Driver {
         }
     }
 
+    /// The outbox is closed, and removed with its outlet.
+    async fn end(self) {
+        if let Some(outbox) = self.outbox {
+            outbox.end(CLOSE_MAX).await;
+        }
+        if is_gone(&self.outlet) {
+            outbox::remove(&self.outlet.outbox_file());
+        }
+    }
+
     fn broker(&self) -> Broker {
         broker(&self.outlet)
     }
@@ -192,6 +242,11 @@ impl Driver {
                 // The command is on a task of its own: this one only waits for it.
                 Err(_) => return true,
             },
+            state = changed(self.outbox.as_mut()) => Happened::Input(Input::Stored(state)),
+            read = read(&mut self.reading) => {
+                let packed = read.and_then(|read| self.packed(read));
+                Happened::Input(Input::Read(packed))
+            }
         };
         let now = self.began.elapsed();
         match input {
@@ -207,6 +262,12 @@ impl Driver {
             }
         }
         true
+    }
+
+    /// What was read of the outbox as a message.
+    fn packed(&self, (epoch, piece): (Arc<str>, Piece)) -> Option<Packed> {
+        let site = (&*self.outlet.site, self.topics.batch());
+        replay::pack(site, (epoch, &piece), self.limit)
     }
 
     /// Does what is to be done. What is larger than the broker takes is left out.
@@ -231,6 +292,16 @@ impl Driver {
                     });
                 }
                 Output::Online => self.outlet.report.worked(),
+                Output::Read(after) => {
+                    if let Some(outbox) = &self.outbox {
+                        self.reading = Some(Box::pin(outbox.read(after, replay::READ_MAX)));
+                    }
+                }
+                Output::Delivered(epoch, to) => {
+                    if let Some(outbox) = &self.outbox {
+                        outbox.delivered(&epoch, to);
+                    }
+                }
                 Output::Subscribe(filters) => {
                     if let Some((sender, _)) = &mut link {
                         broken = broken.or(sender.subscribe(&filters).err());
@@ -240,7 +311,8 @@ impl Driver {
                     let is_long = |limit: usize| link::size(&message) > limit;
                     match &mut link {
                         Some((_, Some(limit))) if is_long(*limit) => {
-                            self.node.handle(now, Input::Taken(number, true));
+                            self.node
+                                .handle(now, Input::Taken(number, Verdict::Refused));
                         }
                         Some((sender, _)) => {
                             // Where a sender wants its answer is not for people here to mend.
@@ -284,6 +356,7 @@ impl Driver {
         let dial = receiver.dial();
         let mut pump = pin!(pump(&mut receiver, steps));
         self.flying.clear();
+        self.limit = limit;
         self.node.handle(self.began.elapsed(), Input::Connected);
         let clocks = || (Instant::now(), SystemTime::now());
         let (mut ends_by, mut is_refused) = (None, false);
@@ -388,9 +461,7 @@ impl Driver {
 
     /// It is to end, maybe for good.
     fn stop(&mut self) {
-        let config = self.outlet.service.config();
-        let now = config.outlets.get(&self.outlet.name);
-        self.is_gone = now.is_none_or(|now| now.kind != super::KIND.name);
+        self.is_gone = is_gone(&self.outlet);
         let stop = Input::Stop {
             is_gone: self.is_gone,
         };
@@ -405,10 +476,10 @@ impl Driver {
                 self.node.handle(now, Input::Received(message));
                 None
             }
-            Some(Heard::Taken(number, is_refused)) => {
-                self.node.handle(now, Input::Taken(number, is_refused));
+            Some(Heard::Taken(number, verdict)) => {
+                self.node.handle(now, Input::Taken(number, verdict));
                 let topic = self.flying.remove(&number);
-                topic.filter(|_| is_refused)
+                topic.filter(|_| verdict == Verdict::Refused)
             }
             Some(Heard::NotSubscribed) => Some(self.topics.commands().join(", ")),
         };
@@ -419,6 +490,31 @@ impl Driver {
             self.outlet.report.failed(dial.forbidden(&topic), 1, None);
         }
     }
+}
+
+/// Whether the configuration has an outlet no longer.
+fn is_gone(outlet: &Outlet) -> bool {
+    let config = outlet.service.config();
+    let now = config.outlets.get(&outlet.name);
+    now.is_none_or(|now| now.kind != super::KIND.name)
+}
+
+/// How the outbox is, once something is new. Can be dropped.
+async fn changed(outbox: Option<&mut OutboxHandle>) -> OutboxState {
+    match outbox {
+        Some(outbox) => outbox.changed().await,
+        None => std::future::pending().await,
+    }
+}
+
+/// What was read of it, once that is done. Can be dropped.
+async fn read(reading: &mut Option<Reading>) -> Option<(Arc<str>, Piece)> {
+    let Some(under_way) = reading else {
+        return std::future::pending().await;
+    };
+    let read = under_way.await;
+    *reading = None;
+    read
 }
 
 /// What happened at the site.

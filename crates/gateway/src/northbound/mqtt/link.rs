@@ -2,7 +2,7 @@
 //! Each connection is a new one: nothing is carried over from the one before.
 
 use super::dial::{Dial, Reached, tls_reason};
-use super::node::{Message, Received, WINDOW};
+use super::node::{Message, Received, Verdict, WINDOW};
 use hyper::body::Bytes;
 use railbus_api::problem::Problem;
 use rumqttc_v5 as v5;
@@ -69,8 +69,8 @@ impl fmt::Debug for Login {
 #[derive(Debug)]
 pub(super) enum Heard {
     Message(Received),
-    /// It has a message with this number, or refuses it.
-    Taken(u64, bool),
+    /// What it says of the message with this number.
+    Taken(u64, Verdict),
     /// It lets nothing come from where commands are to come from.
     NotSubscribed,
 }
@@ -145,7 +145,7 @@ pub(super) enum Step {
     /// The next message went out in this packet.
     Went(u16),
     /// The broker has a packet, or refuses it.
-    Acknowledged(u16, bool),
+    Acknowledged(u16, Verdict),
     NotSubscribed,
     /// Something else, such as what keeps the connection alive.
     Other,
@@ -336,11 +336,11 @@ impl Sender {
             Step::Other => None,
             Step::Went(packet) => {
                 let number = self.numbers.went(packet)?;
-                Some(Heard::Taken(number, false))
+                Some(Heard::Taken(number, Verdict::Taken))
             }
-            Step::Acknowledged(packet, is_refused) => {
+            Step::Acknowledged(packet, verdict) => {
                 let number = self.numbers.acknowledged(packet)?;
-                Some(Heard::Taken(number, is_refused))
+                Some(Heard::Taken(number, verdict))
             }
         }
     }
@@ -508,11 +508,12 @@ fn step_five(event: v5::Event) -> Option<Step> {
             }))
         }
         v5::Event::Incoming(v5::Packet::PubAck(ack)) => {
-            let is_taken = matches!(
-                ack.reason,
-                v5::PubAckReason::Success | v5::PubAckReason::NoMatchingSubscribers
-            );
-            Some(Step::Acknowledged(ack.pkid, !is_taken))
+            let verdict = match ack.reason {
+                v5::PubAckReason::Success => Verdict::Taken,
+                v5::PubAckReason::NoMatchingSubscribers => Verdict::NoReceiver,
+                _ => Verdict::Refused,
+            };
+            Some(Step::Acknowledged(ack.pkid, verdict))
         }
         v5::Event::Incoming(v5::Packet::SubAck(ack)) => {
             let is_good = |code: &v5::SubscribeReasonCode| {
@@ -536,7 +537,7 @@ fn step_three_one(event: v311::Event) -> Option<Step> {
             ..Received::default()
         })),
         v311::Event::Incoming(v311::Packet::PubAck(ack)) => {
-            Some(Step::Acknowledged(ack.pkid, false))
+            Some(Step::Acknowledged(ack.pkid, Verdict::Taken))
         }
         v311::Event::Incoming(v311::Packet::SubAck(ack)) => {
             let is_good = |code: &v311::SubscribeReasonCode| {

@@ -2,6 +2,7 @@
 //! there, in MQTT 5 and 3.1.1.
 //!
 //! - Its settings: `settings`. Its topics: `topics`. What a payload orders: `orders`.
+//! - Every change in its order, also those of an outage: `replay`.
 //! - What the broker keeps of the site: `told`; the file with its topics: `kept`.
 //! - What is published and when, and which commands are carried out, without I/O: `node`. How a
 //!   command ended: `ends`. In which order they begin: `turns`.
@@ -16,6 +17,7 @@ mod kept;
 mod link;
 mod node;
 mod orders;
+mod replay;
 mod settings;
 mod told;
 mod topics;
@@ -127,6 +129,19 @@ const FIELDS: &[Field] = &[
     .with_hint([
         "Outputs such as oven.k1, oven or *; nothing if left empty",
         "输出，如 oven.k1、oven 或 *；留空则均不可操作",
+    ]),
+    Field::new(
+        "replay_days",
+        [
+            "Keep changes while the broker is away (days)",
+            "断线续传：变化保留天数",
+        ],
+        Shape::Number(0, 90, 0),
+    )
+    .with_hint([
+        "Every change stays on the disk until the broker has it, and comes in its order at batch. \
+         0 for the newest values only",
+        "每次变化先存盘，代理确认后才删除，并按顺序发布到 batch 主题。0 表示只发布最新值",
     ]),
     Field::new("modules", ["Modules", "模块"], Shape::Modules),
     Field::new(

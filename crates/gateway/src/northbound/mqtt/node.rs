@@ -6,14 +6,17 @@
 //! events) waits in queues of a fixed length.
 
 use super::orders::Order;
+use super::replay::{Packed, PieceId, Replay};
 use super::told::{OFFLINE, ONLINE, Told};
 use super::topics::Topics;
+use crate::northbound::outbox::OutboxState;
 use railbus_api::types::SCHEMA;
 use railbus_app::api::past;
 use railbus_site::{News, Within};
 use railbus_store::history::Event;
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::sync::Arc;
 use std::time::Duration;
 
 /// How many messages are with the broker, or on their way to it, at a time.
@@ -67,6 +70,15 @@ pub(super) struct Reply {
     pub(super) id: Option<String>,
 }
 
+/// What a broker said of a message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Verdict {
+    Taken,
+    /// Nobody is there who receives it.
+    NoReceiver,
+    Refused,
+}
+
 /// A command that is to be carried out.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Job {
@@ -93,8 +105,12 @@ pub(super) enum Input<'i> {
     Received(Received),
     /// A command has ended like this.
     Ended(Reply, Value),
-    /// The broker has a message, or has refused it.
-    Taken(u64, bool),
+    /// What the broker said of a message.
+    Taken(u64, Verdict),
+    /// So much is in the outbox.
+    Stored(OutboxState),
+    /// What was read of it; none if it could not be.
+    Read(Option<Packed>),
     /// It is to end; its topics are to be cleared if it is gone for good.
     Stop { is_gone: bool },
 }
@@ -112,6 +128,10 @@ pub(super) enum Output {
     Keep(Vec<String>),
     /// The broker has everything, and others are told that the outlet is there.
     Online,
+    /// What is in the outbox after this number is to be read: [`Input::Read`].
+    Read(u64),
+    /// The broker has what is in the outbox up to this number.
+    Delivered(Arc<str>, u64),
 }
 
 /// What waits for its turn.
@@ -143,6 +163,8 @@ enum Flight {
     Clear(String),
     /// If it is lost, it is to be published again.
     Said(Queue, Said),
+    /// A part of the outbox.
+    Piece(PieceId),
 }
 
 /// A message that the broker does not keep.
@@ -195,6 +217,8 @@ pub(super) struct Setup {
     pub(super) events: BTreeSet<String>,
     /// Topics at which an earlier run may have left something.
     pub(super) old: BTreeSet<String>,
+    /// It has an outbox.
+    pub(super) has_outbox: bool,
 }
 
 /// The outlet.
@@ -210,7 +234,8 @@ pub(super) struct Node {
     is_due: BTreeSet<String>,
     results: VecDeque<Said>,
     events: VecDeque<Said>,
-    /// Whose turn it is: what the broker keeps, or one of the queues.
+    replay: Option<Replay>,
+    /// Whose turn it is: what the broker keeps, one of the queues, or the outbox.
     turn: u8,
     outputs: VecDeque<Output>,
     under_way: usize,
@@ -236,6 +261,7 @@ impl Node {
             is_due: BTreeSet::new(),
             results: VecDeque::new(),
             events: VecDeque::new(),
+            replay: setup.has_outbox.then(Replay::default),
             turn: 0,
             outputs: VecDeque::new(),
             under_way: 0,
@@ -261,7 +287,17 @@ impl Node {
                 self.under_way = self.under_way.saturating_sub(1);
                 self.answer(reply, result);
             }
-            Input::Taken(number, is_refused) => self.taken(now, number, is_refused),
+            Input::Taken(number, verdict) => self.taken(now, number, verdict),
+            Input::Stored(state) => {
+                if let Some(replay) = &mut self.replay {
+                    replay.stored(&state);
+                }
+            }
+            Input::Read(packed) => {
+                if let Some(replay) = &mut self.replay {
+                    replay.read(now, packed);
+                }
+            }
             Input::Stop { is_gone } => self.stop(is_gone),
         }
     }
@@ -281,13 +317,18 @@ impl Node {
             return Some(self.publish(now, message, Flight::Health));
         }
         self.try_again(now);
+        let replay = self.replay.as_mut().filter(|_| !self.is_ending);
+        if let Some(after) = replay.and_then(|replay| replay.next_read(now)) {
+            return Some(Output::Read(after));
+        }
         // One after the other, so that none of them keeps the others waiting.
-        for _ in 0..3 {
-            self.turn = (self.turn + 1) % 3;
+        for _ in 0..4 {
+            self.turn = (self.turn + 1) % 4;
             let next = match self.turn {
                 0 => self.next_due(),
                 1 => self.next_said(Queue::Results),
-                _ => self.next_said(Queue::Events),
+                2 => self.next_said(Queue::Events),
+                _ => self.next_piece(),
             };
             if let Some((message, flight)) = next {
                 return Some(self.publish(now, message, flight));
@@ -304,7 +345,8 @@ impl Node {
             return stuck;
         }
         let again = link.refused.values().flatten().min().copied();
-        [Some(link.health), again, stuck]
+        let replay = self.replay.as_ref().and_then(Replay::deadline);
+        [Some(link.health), again, stuck, replay]
             .into_iter()
             .flatten()
             .min()
@@ -327,7 +369,9 @@ impl Node {
     pub(super) fn waiting(&self) -> usize {
         let flights = self.link.as_ref().map_or(0, |link| link.flights.len());
         let said = self.results.len() + self.events.len();
-        self.due.len() + said + flights + self.under_way
+        let behind = self.replay.as_ref().map_or(0, Replay::behind);
+        let behind = usize::try_from(behind).unwrap_or(usize::MAX);
+        (self.due.len() + said + flights + self.under_way).saturating_add(behind)
     }
 
     /// What was counted since this was last called.
@@ -415,6 +459,12 @@ impl Node {
         Some((said.message.clone(), Flight::Said(queue, said)))
     }
 
+    fn next_piece(&mut self) -> Option<(Message, Flight)> {
+        let replay = self.replay.as_mut().filter(|_| !self.is_ending)?;
+        let (message, id) = replay.next()?;
+        Some((message, Flight::Piece(id)))
+    }
+
     fn publish(&mut self, now: Duration, message: Message, flight: Flight) -> Output {
         self.newest += 1;
         if let Some(link) = &mut self.link {
@@ -444,6 +494,9 @@ impl Node {
         // What was to be published on that connection is due again with the next one.
         self.outputs
             .retain(|output| !matches!(output, Output::Subscribe(_)));
+        if let Some(replay) = &mut self.replay {
+            replay.lost();
+        }
         let Some(link) = self.link.take() else {
             return;
         };
@@ -478,13 +531,14 @@ impl Node {
         self.totals.dropped += count;
     }
 
-    fn taken(&mut self, now: Duration, number: u64, is_refused: bool) {
+    fn taken(&mut self, now: Duration, number: u64, verdict: Verdict) {
         let Some(link) = &mut self.link else {
             return;
         };
         let Some((_, flight)) = link.flights.remove(&number) else {
             return;
         };
+        let is_refused = verdict == Verdict::Refused;
         for counted in [&mut self.counted, &mut self.totals] {
             match is_refused {
                 true => counted.refused += 1,
@@ -512,6 +566,12 @@ impl Node {
             Flight::Bridge(_) if is_refused => {
                 let topic = self.topics.bridge_state();
                 link.refused.insert(topic, Some(now + REFUSED_WAIT));
+            }
+            Flight::Piece(id) => {
+                let replay = self.replay.as_mut();
+                if let Some((epoch, to)) = replay.and_then(|it| it.taken(now, id, verdict)) {
+                    self.outputs.push_back(Output::Delivered(epoch, to));
+                }
             }
             Flight::Bridge(true) => self.outputs.push_back(Output::Online),
             Flight::Bridge(false) | Flight::Health | Flight::Said(..) => {}
@@ -607,6 +667,9 @@ impl Node {
 
     fn health(&self) -> Message {
         let mut health = self.told.health();
+        if let Some(replay) = &self.replay {
+            health.insert("behind".to_owned(), replay.behind().into());
+        }
         let counts = [
             ("waiting", self.waiting() as u64),
             ("sent", self.totals.sent),

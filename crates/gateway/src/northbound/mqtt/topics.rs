@@ -8,7 +8,7 @@ const RESPONSE_MAX: usize = 256;
 /// The longest topic of all (MQTT 5, section 1.5.4), in bytes.
 pub(super) const TOPIC_MAX: usize = 65_535;
 /// The first levels that are no modules.
-const OWN: [&str; 4] = ["bridge", "event", "group", "scene"];
+const OWN: [&str; 5] = ["batch", "bridge", "event", "group", "scene"];
 
 /// What is said of a point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -59,6 +59,11 @@ impl Topics {
     /// What happens at the site.
     pub(super) fn event(&self) -> String {
         self.of("event")
+    }
+
+    /// Every change in its order.
+    pub(super) fn batch(&self) -> String {
+        self.of("batch")
     }
 
     /// Whether a module answers.

@@ -52,6 +52,7 @@ fn node(old: &[&str]) -> Node {
         site: "plant".to_owned(),
         topics: Topics::new("railbus", "plant", BTreeSet::new()),
         events: BTreeSet::new(),
+        has_outbox: false,
         old: old.iter().map(|topic| (*topic).to_owned()).collect(),
     })
 }
@@ -66,7 +67,7 @@ fn settle(node: &mut Node, now: Duration) -> Vec<(String, String)> {
             let flag = if message.is_retained { "" } else { "!" };
             let payload = String::from_utf8(message.payload).unwrap();
             told.push((format!("{flag}{topic}"), payload));
-            node.handle(now, Input::Taken(number, false));
+            node.handle(now, Input::Taken(number, Verdict::Taken));
         }
     }
     told
@@ -98,7 +99,7 @@ fn given(node: &mut Node, message: Received) -> (Vec<Job>, Vec<(String, Value)>)
             Output::Publish(number, message) => {
                 let result = serde_json::from_slice(&message.payload).unwrap();
                 results.push((message.topic, result));
-                node.handle(ZERO, Input::Taken(number, false));
+                node.handle(ZERO, Input::Taken(number, Verdict::Taken));
             }
             _ => {}
         }
@@ -151,14 +152,14 @@ async fn it_is_online_when_the_broker_has_everything() {
     }
     for number in numbers {
         assert_eq!(node.poll(ZERO), None);
-        node.handle(ZERO, Input::Taken(number, false));
+        node.handle(ZERO, Input::Taken(number, Verdict::Taken));
     }
     let Some(Output::Publish(number, message)) = node.poll(ZERO) else {
         panic!("now it is there");
     };
     assert_eq!(message.payload, b"online");
     assert_eq!(node.poll(ZERO), None);
-    node.handle(ZERO, Input::Taken(number, false));
+    node.handle(ZERO, Input::Taken(number, Verdict::Taken));
     assert_eq!(node.poll(ZERO), Some(Output::Online));
 }
 
@@ -208,7 +209,7 @@ async fn the_newest_value_wins() {
     assert_eq!(held.len(), WINDOW);
     assert!(node.waiting() <= WINDOW + 6, "{}", node.waiting());
     for number in held {
-        node.handle(ZERO, Input::Taken(number, false));
+        node.handle(ZERO, Input::Taken(number, Verdict::Taken));
     }
     let told = settle(&mut node, ZERO);
     let states = told.iter().filter(|(topic, _)| topic.ends_with("/state"));
@@ -393,7 +394,7 @@ async fn topics_of_names_that_are_gone_are_cleared() {
                     assert!(message.is_retained && message.is_sure);
                     cleared.push(message.topic);
                 }
-                node.handle(ZERO, Input::Taken(number, false));
+                node.handle(ZERO, Input::Taken(number, Verdict::Taken));
             }
             _ => {}
         }
@@ -429,7 +430,7 @@ async fn what_was_on_its_way_is_published_again() {
         panic!("an event");
     };
     assert!(matches!(node.poll(ZERO), Some(Output::Publish(..))));
-    node.handle(ZERO, Input::Taken(first, false));
+    node.handle(ZERO, Input::Taken(first, Verdict::Taken));
     node.handle(ZERO, Input::Lost);
     assert_eq!(node.poll(ZERO), None);
     node.handle(ZERO, event("d"));
@@ -521,6 +522,7 @@ async fn a_command_for_a_module_of_others_is_none() {
         site: "plant".to_owned(),
         topics: Topics::new("railbus", "plant", BTreeSet::from(["oven".to_owned()])),
         events: BTreeSet::new(),
+        has_outbox: false,
         old: BTreeSet::new(),
     });
     node.handle(ZERO, Input::Connected);
@@ -544,7 +546,11 @@ fn refusing(node: &mut Node, now: Duration, refused: &[&str]) -> Vec<(String, St
                 .topic
                 .trim_start_matches("railbus/plant/")
                 .to_owned();
-            node.handle(now, Input::Taken(number, refused.contains(&&*topic)));
+            let verdict = match refused.contains(&&*topic) {
+                true => Verdict::Refused,
+                false => Verdict::Taken,
+            };
+            node.handle(now, Input::Taken(number, verdict));
             told.push((topic, String::from_utf8(message.payload).unwrap()));
         }
     }
@@ -633,7 +639,7 @@ async fn a_result_is_published_on_two_connections_and_no_more() {
             };
             match message.topic.ends_with("/result") {
                 true => results += 1,
-                false => node.handle(ZERO, Input::Taken(number, false)),
+                false => node.handle(ZERO, Input::Taken(number, Verdict::Taken)),
             }
         }
         assert_eq!(results, usize::from(round < 2), "{round}");
@@ -680,7 +686,7 @@ async fn a_broker_that_acknowledges_nothing_is_none() {
     assert_eq!(node.deadline(), Some(limit));
     assert!(!node.is_stuck(limit - Duration::from_millis(1)));
     assert!(node.is_stuck(limit));
-    node.handle(limit, Input::Taken(number, false));
+    node.handle(limit, Input::Taken(number, Verdict::Taken));
     assert!(!node.is_stuck(limit), "of the next one");
     assert!(node.is_stuck(limit + begun));
 }

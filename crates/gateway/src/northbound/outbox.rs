@@ -1,0 +1,362 @@
+//! The outbox of an outlet: every change of its points, on the disk until the other side has it.
+//!
+//! It has a thread of its own that follows the site: neither a slow disk nor a slow receiver holds
+//! up the outlet, a command, or another outlet. What is written and when is decided by
+//! [`Recording`], which has no disk and no clock.
+
+mod recording;
+
+use super::outlet::Report;
+use railbus_api::problem::{Problem, codes};
+use railbus_site::{Follower, News};
+use railbus_store::history::millis;
+use railbus_store::outbox::{Outbox, OutboxError, OutboxKeep, Piece};
+use recording::Recording;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::Ordering::Relaxed;
+use std::time::{Duration, SystemTime};
+use tokio::runtime::Builder;
+use tokio::sync::{mpsc, oneshot, watch};
+use tokio::time::Instant;
+
+/// How long a change waits before it is written, at most, together with others. What is delivered
+/// waits as long before it is deleted.
+const FLUSH: Duration = Duration::from_secs(1);
+/// How often the limits are enforced, and it is written down that all is well.
+const TIDY: Duration = Duration::from_secs(60);
+/// The same if there is more to drop.
+const TIDY_MORE: Duration = Duration::from_secs(2);
+/// The most that an outbox takes on the disk.
+const BYTES_MAX: u64 = 512 << 20;
+/// After the disk failed, so long until the next try.
+const AGAIN: Duration = Duration::from_secs(5);
+/// A day, in milliseconds.
+const DAY_MS: i64 = 86_400_000;
+
+/// What the outlet is told.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(super) struct OutboxState {
+    /// Whose numbers these are; empty until it is open.
+    pub(super) epoch: Arc<str>,
+    /// The number of the newest entry on the disk.
+    pub(super) newest: u64,
+    /// Up to which number the receiver had everything when it was opened.
+    pub(super) delivered: u64,
+}
+
+/// What an outbox is for.
+pub(super) struct OutboxSetup {
+    pub(super) file: PathBuf,
+    /// How many days a change is kept for the receiver.
+    pub(super) days: i64,
+    /// Whether the outlet tells of a module.
+    pub(super) has: Box<dyn Fn(&str) -> bool + Send>,
+    pub(super) site: Follower,
+    pub(super) report: Report,
+}
+
+/// The outlet's end of its outbox. When it is dropped, the thread writes what waits and ends.
+#[derive(Debug)]
+pub(super) struct OutboxHandle {
+    reads: mpsc::Sender<ReadOrder>,
+    delivered: watch::Sender<(Arc<str>, u64)>,
+    state: watch::Receiver<OutboxState>,
+    ended: Option<oneshot::Receiver<()>>,
+}
+
+#[derive(Debug)]
+struct ReadOrder {
+    after: u64,
+    count: usize,
+    reply: oneshot::Sender<Option<(Arc<str>, Piece)>>,
+}
+
+impl OutboxHandle {
+    /// Starts the thread of an outbox.
+    ///
+    /// # Errors
+    /// The system's error if there can be no other thread.
+    pub(super) fn start(setup: OutboxSetup) -> std::io::Result<OutboxHandle> {
+        let (reads, orders) = mpsc::channel(1);
+        let (delivered, to_delete) = watch::channel((Arc::default(), 0));
+        let (told, state) = watch::channel(OutboxState::default());
+        let (end, ended) = oneshot::channel();
+        let runtime = Builder::new_current_thread().enable_time().build()?;
+        let thread = std::thread::Builder::new().name("outbox".to_owned());
+        thread.spawn(move || {
+            let keeper = Keeper {
+                outbox: None,
+                recording: Recording::new(setup.has),
+                file: setup.file,
+                keep: OutboxKeep {
+                    age_ms: setup.days.saturating_mul(DAY_MS),
+                    bytes: BYTES_MAX,
+                },
+                told,
+                report: setup.report,
+                failures: 0,
+            };
+            runtime.block_on(keeper.run(setup.site, orders, to_delete));
+            // Nobody waits where the outlet has ended.
+            let _ = end.send(());
+        })?;
+        Ok(OutboxHandle {
+            reads,
+            delivered,
+            state,
+            ended: Some(ended),
+        })
+    }
+
+    /// Waits until there is something new. Can be dropped.
+    pub(super) async fn changed(&mut self) -> OutboxState {
+        if self.state.changed().await.is_err() {
+            // The site has gone, or the thread has broken down.
+            std::future::pending::<()>().await;
+        }
+        self.state.borrow_and_update().clone()
+    }
+
+    /// Reads the oldest entries after this number, so many at most, and whose numbers they are;
+    /// none if there are none, or they can't be read now.
+    pub(super) fn read(
+        &self,
+        after: u64,
+        count: usize,
+    ) -> impl Future<Output = Option<(Arc<str>, Piece)>> + Send + use<> {
+        let reads = self.reads.clone();
+        async move {
+            let (reply, piece) = oneshot::channel();
+            let order = ReadOrder {
+                after,
+                count,
+                reply,
+            };
+            reads.send(order).await.ok()?;
+            piece.await.ok().flatten()
+        }
+    }
+
+    /// The receiver has everything up to this number of this epoch.
+    pub(super) fn delivered(&self, epoch: &Arc<str>, newest: u64) {
+        let _ = self.delivered.send((Arc::clone(epoch), newest));
+    }
+
+    /// Waits until all is written and the file is closed, but not longer than this.
+    pub(super) async fn end(mut self, patience: Duration) {
+        let ended = self.ended.take();
+        drop(self);
+        if let Some(ended) = ended {
+            let _ = tokio::time::timeout(patience, ended).await;
+        }
+    }
+}
+
+/// Removes what an outbox has kept.
+pub(super) fn remove(file: &Path) {
+    Outbox::remove(file);
+}
+
+/// The thread: the owner of the file.
+struct Keeper {
+    /// None until it could be opened.
+    outbox: Option<Outbox>,
+    recording: Recording,
+    file: PathBuf,
+    keep: OutboxKeep,
+    told: watch::Sender<OutboxState>,
+    report: Report,
+    /// How often in a row the disk failed.
+    failures: u32,
+}
+
+impl Keeper {
+    async fn run(
+        mut self,
+        mut site: Follower,
+        mut orders: mpsc::Receiver<ReadOrder>,
+        mut to_delete: watch::Receiver<(Arc<str>, u64)>,
+    ) {
+        let (mut write_at, mut delete_at) = (None, None);
+        let mut tidy_at = Instant::now();
+        loop {
+            if self.recording.is_waiting() {
+                let wait = if self.failures > 0 { AGAIN } else { FLUSH };
+                write_at.get_or_insert_with(|| Instant::now() + wait);
+            }
+            let due = [write_at, delete_at].into_iter().flatten();
+            let due = due.chain([tidy_at]).min().unwrap_or(tidy_at);
+            tokio::select! {
+                news = site.next() => match news {
+                    Some(news) => self.take(&news, site.missed()),
+                    None => break,
+                },
+                order = orders.recv() => match order {
+                    Some(order) => self.read(order),
+                    // The outlet ends.
+                    None => break,
+                },
+                Ok(()) = to_delete.changed() => {
+                    delete_at.get_or_insert(Instant::now() + FLUSH);
+                }
+                () = tokio::time::sleep_until(due) => {}
+            }
+            let now = Instant::now();
+            let is_full = self.recording.is_full() && self.failures == 0;
+            if is_full || write_at.is_some_and(|at| at <= now) {
+                write_at = None;
+                self.write();
+            }
+            if delete_at.is_some_and(|at| at <= now) {
+                delete_at = None;
+                let delivered = to_delete.borrow().clone();
+                self.delete(&delivered);
+            }
+            if tidy_at <= now {
+                let is_more = self.tidy();
+                tidy_at = Instant::now() + if is_more { TIDY_MORE } else { TIDY };
+            }
+        }
+        // What the site told before it ended, or before the outlet did.
+        while let Some(news) = site.next_now() {
+            self.take(&news, site.missed());
+        }
+        self.write();
+        let delivered = to_delete.borrow().clone();
+        self.delete(&delivered);
+        self.mark();
+    }
+
+    fn take(&mut self, news: &News, missed: u64) {
+        match news {
+            News::Picture(picture) => self.recording.picture(picture, missed),
+            News::Batch(batch) => self.recording.batch(batch),
+        }
+    }
+
+    /// Writes what waits. What the disk does not take is tried again; what is too much by then is
+    /// a gap, and after it everything is told anew.
+    fn write(&mut self) {
+        let end = self.try_write();
+        self.ended(end.map(|()| true));
+    }
+
+    fn try_write(&mut self) -> Result<(), OutboxError> {
+        let outbox = match &mut self.outbox {
+            Some(outbox) => outbox,
+            empty => {
+                let outbox = Outbox::open(&self.file)?;
+                self.recording.opened(outbox.known_until()?);
+                empty.insert(outbox)
+            }
+        };
+        let waiting = self.recording.waiting(SystemTime::now());
+        let newest = match waiting.is_empty() {
+            true => outbox.newest()?,
+            false => outbox.append(waiting)?,
+        };
+        self.recording.written();
+        let delivered = match *self.told.borrow().epoch == *outbox.epoch() {
+            true => self.told.borrow().delivered,
+            false => outbox.taken()?,
+        };
+        let now = OutboxState {
+            epoch: Arc::from(outbox.epoch()),
+            newest,
+            delivered,
+        };
+        self.told.send_if_modified(|told| {
+            let is_new = *told != now;
+            *told = now;
+            is_new
+        });
+        Ok(())
+    }
+
+    fn read(&self, order: ReadOrder) {
+        let piece = self.outbox.as_ref().and_then(|outbox| {
+            let piece = outbox.read(order.after, order.count).ok()??;
+            Some((Arc::from(outbox.epoch()), piece))
+        });
+        // Fails where the outlet waits no longer.
+        let _ = order.reply.send(piece);
+    }
+
+    fn delete(&mut self, (epoch, newest): &(Arc<str>, u64)) {
+        let Some(outbox) = &mut self.outbox else {
+            return;
+        };
+        // Numbers of another epoch are those of other entries.
+        if **epoch == *outbox.epoch() {
+            let end = outbox.delivered(*newest);
+            self.ended(end.map(|()| false));
+        }
+    }
+
+    /// Writes down that all is known until now, and drops what is too old or too much. Whether
+    /// there is more to drop.
+    fn tidy(&mut self) -> bool {
+        self.mark();
+        let Some(outbox) = &mut self.outbox else {
+            return false;
+        };
+        let pruned = outbox.prune(self.keep, millis(SystemTime::now()));
+        // A problem of the disk shows at the next write, too.
+        let _ = outbox.tidy();
+        let is_more = match &pruned {
+            Ok((dropped, is_more)) => {
+                if *dropped > 0 {
+                    self.report.counts().dropped.fetch_add(*dropped, Relaxed);
+                    let problem = Problem::new(codes::OUTBOX_DROPPED);
+                    let problem = problem
+                        .with("count", *dropped)
+                        .with("days", self.keep.age_ms / DAY_MS);
+                    self.report.noted(problem, 1);
+                }
+                *is_more
+            }
+            Err(_) => false,
+        };
+        self.ended(pruned.map(|_| false));
+        is_more
+    }
+
+    /// Writes down that every change until now is on the disk.
+    fn mark(&mut self) {
+        if self.recording.is_waiting() {
+            return;
+        }
+        if let Some(outbox) = &mut self.outbox {
+            let end = outbox.known(millis(SystemTime::now()));
+            self.ended(end.map(|()| false));
+        }
+    }
+
+    /// Something was done with the file, or could not be; whether that shows that it can be
+    /// written.
+    fn ended(&mut self, end: Result<bool, OutboxError>) {
+        match end {
+            Ok(is_written) => {
+                if is_written {
+                    self.failures = 0;
+                }
+            }
+            Err(why) => {
+                self.failures = self.failures.saturating_add(1);
+                if why.is_broken {
+                    // The next write puts it aside, and begins another one.
+                    self.outbox = None;
+                }
+                let problem = Problem::new(codes::OUTBOX_FAILS);
+                let problem = problem
+                    .with("path", self.file.display().to_string())
+                    .with("reason", why.reason);
+                self.report.noted(problem, self.failures);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

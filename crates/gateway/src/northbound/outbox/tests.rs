@@ -1,0 +1,126 @@
+//! The thread of an outbox, at a site whose line is not there.
+
+use super::*;
+use crate::northbound::supervisor::RunId;
+use railbus_site::{Config, Service};
+use railbus_store::outbox::EntryKind;
+use std::sync::Weak;
+use std::sync::atomic::AtomicU32;
+
+const OVEN: &str = "[line.main]\nport = \"/dev/railbus-nothing\"\n[module.oven]\nline = \"main\"\n\
+    model = \"erc8\"\naddress = 3\n";
+const PUMP: &str = "[module.pump]\nline = \"main\"\nmodel = \"erc8\"\naddress = 4\n";
+/// Only guards against hanging.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// A folder of its own, removed at the end.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new() -> Folder {
+        static COUNT: AtomicU32 = AtomicU32::new(0);
+        let name = format!(
+            "railbus-kept-{}-{}",
+            std::process::id(),
+            COUNT.fetch_add(1, Relaxed)
+        );
+        Folder(std::env::temp_dir().join(name))
+    }
+
+    fn start(&self, site: &Service) -> (OutboxHandle, Report) {
+        let report = Report {
+            run: RunId(1),
+            counts: Arc::default(),
+            to: Weak::new(),
+        };
+        let setup = OutboxSetup {
+            file: self.0.join("plant.outbox.db"),
+            days: 1,
+            has: Box::new(|_| true),
+            site: site.follow(),
+            report: report.clone(),
+        };
+        (OutboxHandle::start(setup).unwrap(), report)
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+        let _ = std::fs::remove_file(&self.0);
+    }
+}
+
+/// Waits until so much is on the disk.
+async fn stored(outbox: &mut OutboxHandle, newest: u64) -> OutboxState {
+    let stored = async {
+        loop {
+            let state = outbox.changed().await;
+            if state.newest >= newest {
+                return state;
+            }
+        }
+    };
+    tokio::time::timeout(PATIENCE, stored).await.unwrap()
+}
+
+fn gaps(piece: &Piece) -> Vec<usize> {
+    let is_gap = |(_, entry): &(usize, &_)| {
+        let entry: &railbus_store::outbox::Entry = entry;
+        matches!(entry.what, EntryKind::Gap { .. })
+    };
+    let entries = piece.entries.iter().enumerate().filter(is_gap);
+    entries.map(|(nth, _)| nth).collect()
+}
+
+#[tokio::test]
+async fn what_is_not_delivered_is_there_after_a_restart_and_then_a_gap() {
+    let folder = Folder::new();
+    let site = Service::start(Config::parse(OVEN).unwrap()).unwrap();
+    let (mut outbox, _) = folder.start(&site);
+    let state = stored(&mut outbox, 8).await;
+    assert_eq!((state.newest, state.delivered), (8, 0));
+    site.reload(&format!("{OVEN}{PUMP}")).await.unwrap();
+    let state = stored(&mut outbox, 16).await;
+    let (epoch, piece) = outbox.read(0, 5).await.unwrap();
+    assert_eq!(
+        (&epoch, piece.first, piece.entries.len()),
+        (&state.epoch, 1, 5)
+    );
+    outbox.delivered(&epoch, 5);
+    outbox.end(PATIENCE).await;
+
+    let (mut outbox, _) = folder.start(&site);
+    let state = stored(&mut outbox, 33).await;
+    assert_eq!(
+        (&state.epoch, state.newest, state.delivered),
+        (&epoch, 33, 5)
+    );
+    // Numbers of another file.
+    outbox.delivered(&Arc::from("another"), 30);
+    let (_, piece) = outbox.read(0, 100).await.unwrap();
+    assert_eq!((piece.first, piece.entries.len()), (6, 28));
+    assert_eq!((gaps(&piece), piece.missing), (vec![11], None));
+    outbox.end(PATIENCE).await;
+
+    let (mut outbox, _) = folder.start(&site);
+    assert_eq!(stored(&mut outbox, 33 + 17).await.delivered, 5);
+    outbox.end(PATIENCE).await;
+    remove(&folder.0.join("plant.outbox.db"));
+    assert_eq!(std::fs::read_dir(&folder.0).unwrap().count(), 0);
+}
+
+#[tokio::test]
+async fn a_disk_that_fails_is_tried_again() {
+    let folder = Folder::new();
+    // No folder can be there.
+    std::fs::write(&folder.0, "in its way").unwrap();
+    let site = Service::start(Config::parse(OVEN).unwrap()).unwrap();
+    let (mut outbox, _) = folder.start(&site);
+    assert_eq!(outbox.read(0, 5).await, None);
+    let waits = tokio::time::timeout(2 * FLUSH, outbox.changed()).await;
+    assert!(waits.is_err(), "{waits:?}");
+    std::fs::remove_file(&folder.0).unwrap();
+    assert_eq!(stored(&mut outbox, 8).await.newest, 8);
+    outbox.end(PATIENCE).await;
+}
