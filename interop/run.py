@@ -80,10 +80,11 @@ def daemons(words):
     import modbus_rtu_suite
     import modbus_security_suite
     import modbus_tcp_suite
+    import mqtt_replay_suite
     import mqtt_suite
 
     return chosen((modbus_tcp_suite, modbus_security_suite, modbus_rtu_suite, modbus_line_suite,
-                   mqtt_suite), words)
+                   mqtt_suite, mqtt_replay_suite), words)
 
 
 def alone(words):

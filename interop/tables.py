@@ -560,6 +560,11 @@ why not: {no broker,a wrong authority,a certificate for another name,TLS where t
 why not: {no TLS where it is wanted,no certificate of one's own,a wrong user,a wrong password}
 why not: {a file that is not there,a topic that is not allowed}
 the password is never shown
+{5,3.1.1}, batch: every change while the broker is there
+{5,3.1.1}, batch: every change of an outage, once and in its order
+{5,3.1.1}, batch: what was on the disk comes after a kill, and then a gap
+5, batch: what nobody receives stays
+{5,3.1.1}, batch: without replay_days nothing is kept
 """
 
 # The daemon's Modbus RTU slave, in front of the same modules ----------------------------------
