@@ -2,7 +2,8 @@
 //! Each connection is a new one: nothing is carried over from the one before.
 
 use super::dial::{Dial, Reached, tls_reason};
-use super::node::{Message, Received, Verdict, WINDOW};
+use super::message::{Message, Received, Verdict};
+use super::node::WINDOW;
 use hyper::body::Bytes;
 use railbus_api::problem::Problem;
 use rumqttc_v5 as v5;

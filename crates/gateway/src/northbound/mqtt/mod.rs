@@ -4,6 +4,7 @@
 //! - Its settings: `settings`. Its topics: `topics`. What a payload orders: `orders`.
 //! - Every change in its order, also those of an outage: `replay`.
 //! - What the broker keeps of the site: `told`; the file with its topics: `kept`.
+//! - What goes to the broker and comes from there: `message`.
 //! - What is published and when, and which commands are carried out, without I/O: `node`. How a
 //!   command ended: `ends`. In which order they begin: `turns`.
 //! - Whether the program stood still meanwhile: `alive`.
@@ -15,6 +16,7 @@ mod driver;
 mod ends;
 mod kept;
 mod link;
+mod message;
 mod node;
 mod orders;
 mod replay;

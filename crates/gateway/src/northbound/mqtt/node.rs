@@ -5,6 +5,7 @@
 //! the newest value of a topic replaces the one before. What the broker does not keep (results and
 //! events) waits in queues of a fixed length.
 
+use super::message::{Message, Received, Verdict};
 use super::orders::Order;
 use super::replay::{Packed, PieceId, Replay};
 use super::told::{OFFLINE, ONLINE, Told};
@@ -32,35 +33,6 @@ const REFUSED_WAIT: Duration = Duration::from_secs(10);
 
 mod commands;
 
-/// What is published.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Message {
-    pub(super) topic: String,
-    pub(super) payload: Vec<u8>,
-    /// The broker keeps it for those who come later.
-    pub(super) is_retained: bool,
-    /// Delivered at least once, instead of at most once.
-    pub(super) is_sure: bool,
-    pub(super) correlation: Option<Vec<u8>>,
-}
-
-/// What was received.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Received {
-    pub(super) topic: String,
-    pub(super) payload: Vec<u8>,
-    /// The broker kept it for us.
-    pub(super) is_retained: bool,
-    /// The number of its packet, if it has one.
-    pub(super) packet: Option<u16>,
-    /// It may have been delivered before.
-    pub(super) is_again: bool,
-    /// When it expires, in seconds.
-    pub(super) expiry: Option<u32>,
-    pub(super) response: Option<String>,
-    pub(super) correlation: Option<Vec<u8>>,
-}
-
 /// Where a result goes.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(super) struct Reply {
@@ -68,15 +40,6 @@ pub(super) struct Reply {
     response: Option<String>,
     correlation: Option<Vec<u8>>,
     pub(super) id: Option<String>,
-}
-
-/// What a broker said of a message.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Verdict {
-    Taken,
-    /// Nobody is there who receives it.
-    NoReceiver,
-    Refused,
 }
 
 /// A command that is to be carried out.

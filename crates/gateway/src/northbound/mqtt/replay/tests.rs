@@ -158,8 +158,10 @@ fn nothing_is_lost_and_nothing_comes_before_what_was_earlier() {
 
 #[test]
 fn what_nobody_receives_stays_and_is_tried_again() {
-    let mut disk = Disk::default();
-    disk.newest = 2_000;
+    let disk = Disk {
+        newest: 2_000,
+        deleted: 0,
+    };
     let mut replay = Replay::default();
     replay.stored(&disk.state());
     let mut now = Duration::ZERO;
@@ -182,8 +184,10 @@ fn what_nobody_receives_stays_and_is_tried_again() {
 
 #[test]
 fn numbers_of_another_file_are_not_mixed_with_these() {
-    let mut disk = Disk::default();
-    disk.newest = 500;
+    let disk = Disk {
+        newest: 500,
+        deleted: 0,
+    };
     let mut replay = Replay::default();
     replay.stored(&disk.state());
     let after = replay.next_read(Duration::ZERO).unwrap();
