@@ -36,7 +36,7 @@ const SCHEMA: Schema = Schema {
 
 /// Something that the receiver is to get.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Entry {
+pub struct OutboxEntry {
     /// When it became so, in milliseconds since 1970.
     pub at: i64,
     /// What it is.
@@ -81,14 +81,14 @@ pub struct Piece {
     /// The number of the first one.
     pub first: u64,
     /// They have consecutive numbers.
-    pub entries: Vec<Entry>,
+    pub entries: Vec<OutboxEntry>,
     /// What was before them and is there no longer.
-    pub missing: Option<Missing>,
+    pub missing: Option<DroppedEntries>,
 }
 
 /// Entries that were dropped because there were too many, or they were too old.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Missing {
+pub struct DroppedEntries {
     /// How many.
     pub count: u64,
     /// When the last one that was delivered was made, in milliseconds since 1970, or a later one
@@ -215,7 +215,7 @@ impl Outbox {
     ///
     /// # Errors
     /// [`OutboxError`].
-    pub fn append(&mut self, entries: &[Entry]) -> Result<u64, OutboxError> {
+    pub fn append(&mut self, entries: &[OutboxEntry]) -> Result<u64, OutboxError> {
         if self.paths.len() > PATHS_MAX {
             self.paths.clear();
         }
@@ -321,7 +321,7 @@ impl Outbox {
                 .prepare_cached("SELECT at FROM entries WHERE seq = ?1")?
                 .query_row([signed(after)], |row| row.get(0))
                 .optional()?;
-            piece.missing = Some(Missing {
+            piece.missing = Some(DroppedEntries {
                 count: piece.first - after - 1,
                 from: before.or(taken.at),
                 to: oldest.at,
@@ -402,7 +402,7 @@ impl Outbox {
 fn insert(
     step: &Transaction<'_>,
     paths: &mut HashMap<String, i64>,
-    entries: &[Entry],
+    entries: &[OutboxEntry],
 ) -> rusqlite::Result<()> {
     let mut insert = step.prepare_cached(
         "INSERT INTO entries (at, path, value, quality, reason, time)
@@ -446,7 +446,7 @@ fn path_number(
     Ok(number)
 }
 
-fn entry(row: &rusqlite::Row<'_>) -> rusqlite::Result<Entry> {
+fn entry(row: &rusqlite::Row<'_>) -> rusqlite::Result<OutboxEntry> {
     let path: Option<String> = row.get(7)?;
     let what = match path {
         Some(path) => EntryKind::Reading {
@@ -461,7 +461,7 @@ fn entry(row: &rusqlite::Row<'_>) -> rusqlite::Result<Entry> {
             from: row.get(6)?,
         },
     };
-    Ok(Entry {
+    Ok(OutboxEntry {
         at: row.get(1)?,
         what,
     })

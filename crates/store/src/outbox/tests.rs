@@ -29,8 +29,8 @@ impl Drop for Place {
     }
 }
 
-fn reading(at: i64, value: &str) -> Entry {
-    Entry {
+fn reading(at: i64, value: &str) -> OutboxEntry {
+    OutboxEntry {
         at,
         what: EntryKind::Reading {
             path: format!("oven.k{}", at % 3),
@@ -42,7 +42,7 @@ fn reading(at: i64, value: &str) -> Entry {
     }
 }
 
-fn readings(from: i64, count: i64) -> Vec<Entry> {
+fn readings(from: i64, count: i64) -> Vec<OutboxEntry> {
     (from..from + count).map(|at| reading(at, "true")).collect()
 }
 
@@ -56,14 +56,14 @@ fn what_goes_in_comes_out_in_its_order_and_stays_until_it_is_delivered() {
     let mut outbox = place.open();
     assert_eq!(outbox.read(0, 10), Ok(None));
     assert_eq!((outbox.newest(), outbox.known_until()), (Ok(0), Ok(None)));
-    let gap = Entry {
+    let gap = OutboxEntry {
         at: 3,
         what: EntryKind::Gap {
             from: Some(2),
             reason: "restart".to_owned(),
         },
     };
-    let bad = Entry {
+    let bad = OutboxEntry {
         at: 4,
         what: EntryKind::Reading {
             path: "oven.ai1".to_owned(),
@@ -137,7 +137,7 @@ fn what_is_dropped_is_told() {
     assert_eq!(outbox.prune(keep(500), 1_500), Ok((0, false)));
     assert_eq!(outbox.prune(keep(500), 1_506), Ok((3, false)));
     let missing = |count, from, to| {
-        Some(Missing {
+        Some(DroppedEntries {
             count,
             from: Some(from),
             to,
@@ -224,7 +224,7 @@ fn what_fails_leaves_nothing_half_done() {
         (Ok(2), Ok(3))
     );
     let piece = outbox.read(0, 10).unwrap().unwrap();
-    let path = |entry: &Entry| match &entry.what {
+    let path = |entry: &OutboxEntry| match &entry.what {
         EntryKind::Reading { path, .. } => path.clone(),
         EntryKind::Gap { .. } => String::new(),
     };

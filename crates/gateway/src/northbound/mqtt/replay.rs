@@ -5,7 +5,7 @@ use super::message::{Message, Verdict};
 use crate::northbound::outbox::OutboxState;
 use jiff::Timestamp;
 use railbus_api::types::SCHEMA;
-use railbus_store::outbox::{Entry, EntryKind, Piece};
+use railbus_store::outbox::{EntryKind, OutboxEntry, Piece};
 use railbus_words::time::rfc3339;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
@@ -218,7 +218,7 @@ pub(super) fn pack(
 }
 
 /// An entry as it is told.
-fn told(entry: &Entry) -> Value {
+fn told(entry: &OutboxEntry) -> Value {
     match &entry.what {
         EntryKind::Reading {
             path,

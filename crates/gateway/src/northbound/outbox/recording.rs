@@ -3,7 +3,7 @@
 use railbus_app::api::convert;
 use railbus_site::{Batch, Picture, PointQuality, PointStatus};
 use railbus_store::history::millis;
-use railbus_store::outbox::{Entry, EntryKind};
+use railbus_store::outbox::{EntryKind, OutboxEntry};
 use std::collections::BTreeMap;
 use std::time::SystemTime;
 
@@ -38,8 +38,8 @@ pub(super) struct Recording {
     /// Whether the outlet tells of a module.
     has: Box<dyn Fn(&str) -> bool + Send>,
     /// How every point is, by its path.
-    now: BTreeMap<String, Entry>,
-    waiting: Vec<Entry>,
+    now: BTreeMap<String, OutboxEntry>,
+    waiting: Vec<OutboxEntry>,
     /// Changes are missing before what waits.
     gap: Option<GapReason>,
     /// Until when everything is on the disk, in milliseconds since 1970.
@@ -93,7 +93,7 @@ impl Recording {
         before.retain(|path| !there(path));
         for path in before {
             self.now.remove(&path);
-            self.push(Entry {
+            self.push(OutboxEntry {
                 at: millis(picture.at),
                 what: EntryKind::Reading {
                     path,
@@ -128,7 +128,7 @@ impl Recording {
         }
     }
 
-    fn push(&mut self, entry: Entry) {
+    fn push(&mut self, entry: OutboxEntry) {
         // After a gap everything is told anyway.
         if self.gap.is_none() {
             self.waiting.push(entry);
@@ -145,12 +145,12 @@ impl Recording {
     }
 
     /// What is to be written now.
-    pub(super) fn waiting(&mut self, now: SystemTime) -> &[Entry] {
+    pub(super) fn waiting(&mut self, now: SystemTime) -> &[OutboxEntry] {
         if let Some(why) = self.gap.take() {
             let now = millis(now);
             self.waiting.clear();
             if self.written.is_some() || why != GapReason::Stopped {
-                self.waiting.push(Entry {
+                self.waiting.push(OutboxEntry {
                     at: now,
                     what: EntryKind::Gap {
                         from: self.written,
@@ -190,7 +190,7 @@ fn is_same(a: &EntryKind, b: &EntryKind) -> bool {
     of(a) == of(b)
 }
 
-fn reading(status: &PointStatus, at: SystemTime) -> Entry {
+fn reading(status: &PointStatus, at: SystemTime) -> OutboxEntry {
     // What is bad is not known, whatever it was before.
     let value = match status.quality {
         PointQuality::Good | PointQuality::Stale => status.value,
@@ -198,7 +198,7 @@ fn reading(status: &PointStatus, at: SystemTime) -> Entry {
     };
     let value = value.and_then(|value| serde_json::to_string(&convert::value(value)).ok());
     let (quality, reason) = convert::quality(status.quality);
-    Entry {
+    OutboxEntry {
         at: millis(at),
         what: EntryKind::Reading {
             path: path_of(status),

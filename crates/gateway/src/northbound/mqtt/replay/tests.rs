@@ -1,7 +1,7 @@
 //! An outbox, a broker that fails in every way, and a receiver that keeps what is new to it.
 
 use super::*;
-use railbus_store::outbox::Missing;
+use railbus_store::outbox::DroppedEntries;
 
 /// Numbers that look like chance, the same every time.
 struct Chance(u64);
@@ -15,9 +15,9 @@ impl Chance {
     }
 }
 
-fn entry(number: u64) -> Entry {
+fn entry(number: u64) -> OutboxEntry {
     let number = i64::try_from(number).unwrap();
-    Entry {
+    OutboxEntry {
         at: 1_000 * number,
         what: EntryKind::Reading {
             path: format!("oven.k{}", number % 8),
@@ -207,14 +207,14 @@ fn numbers_of_another_file_are_not_mixed_with_these() {
 
 #[test]
 fn a_message_is_as_long_as_the_broker_takes_and_tells_what_is_missing() {
-    let gap = Entry {
+    let gap = OutboxEntry {
         at: 5_000,
         what: EntryKind::Gap {
             from: Some(2_000),
             reason: "stopped".to_owned(),
         },
     };
-    let bad = Entry {
+    let bad = OutboxEntry {
         at: 6_000,
         what: EntryKind::Reading {
             path: "oven.k1".to_owned(),
@@ -229,7 +229,7 @@ fn a_message_is_as_long_as_the_broker_takes_and_tells_what_is_missing() {
     let piece = Piece {
         first: 6,
         entries,
-        missing: Some(Missing {
+        missing: Some(DroppedEntries {
             count: 3,
             from: None,
             to: 5_000,

@@ -60,7 +60,7 @@ fn recording() -> Recording {
 
 /// What is written now, in short.
 fn write(recording: &mut Recording, seconds: u64) -> Vec<String> {
-    let told = |entry: &Entry| match &entry.what {
+    let told = |entry: &OutboxEntry| match &entry.what {
         EntryKind::Reading {
             path,
             value,
