@@ -4,6 +4,7 @@ import type { Pair } from "./index.svelte";
 export const outlets = {
   outlets: ["Configured", "已配置"],
   outlets_none: ["No integrations.", "没有集成。"],
+  outlet_kinds: ["Available kinds", "可用的类型"],
   outlet_new: ["New integration", "新建集成"],
   outlet_kind: ["Kind", "类型"],
   outlet_kept: ["{name} saved", "已保存 {name}"],

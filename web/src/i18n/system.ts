@@ -28,10 +28,4 @@ export const system = {
   metrics_sample: ["Preview", "查看当前内容"],
   http_api: ["HTTP and WebSocket", "HTTP 与 WebSocket"],
   http_api_why: ["Everything in this UI is available through the API.", "本页面的所有功能均可由程序调用。"],
-  later_version: ["Planned", "将在后续版本提供"],
-  mqtt_why: [
-    "State and commands through an MQTT broker; Home Assistant finds the points automatically.",
-    "通过 MQTT 服务器（Broker）收发状态与命令，Home Assistant 可自动发现。",
-  ],
-  opcua_why: ["Points exposed as OPC UA nodes.", "以 OPC UA 节点提供数据点。"],
 } as const satisfies Record<string, Pair>;
