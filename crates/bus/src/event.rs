@@ -254,7 +254,8 @@ pub enum Probed {
     Answered,
     /// Bytes that are not a valid reply.
     Garbled,
-    /// Nothing.
+    /// Nothing. A module that does not answer the line either may not have been asked
+    /// ([`Probe::as_module`](crate::Probe::as_module)).
     Silent,
     /// Not sent: another module on the line could take the frame for a command.
     Unsafe,

@@ -147,6 +147,9 @@ impl Bus {
     // Inlined, it would make each `poll` save all registers.
     #[inline(never)]
     pub(crate) fn start_next(&mut self) -> Option<Instant> {
+        if self.probe.is_some() && !self.ghosts.is_empty() {
+            self.end_held_probe();
+        }
         loop {
             let mut search = Search::default();
             self.search(&mut search);
@@ -163,6 +166,21 @@ impl Bus {
                 return Some(self.start(&work.job, &work.exchange, work.timeout));
             }
             self.refuse(work.job);
+        }
+    }
+
+    /// Ends a probe that would have to wait for the reply of a module that does not answer: for
+    /// seconds, and all that come after it, too. The line asks such a module by itself.
+    #[cold]
+    fn end_held_probe(&mut self) {
+        let Some(probe) = self.probe else {
+            return;
+        };
+        let is_silent = self.addressee(&probe).is_some_and(|id| self.is_silent(id));
+        if is_silent && self.ghosts.blocked_until(&probe.exchange).is_some() {
+            self.probe = None;
+            let (outcome, after) = (Probed::Silent, Micros::ZERO);
+            self.events.push(Event::Probed { outcome, after });
         }
     }
 
