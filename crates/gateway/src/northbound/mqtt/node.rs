@@ -28,6 +28,7 @@ const ACKNOWLEDGED_MAX: Duration = Duration::from_secs(10);
 const REFUSED_WAIT: Duration = Duration::from_secs(10);
 
 mod commands;
+mod describes;
 
 /// What is published.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -103,7 +104,7 @@ pub(super) enum Input<'i> {
 #[derive(Debug, PartialEq)]
 pub(super) enum Output {
     /// Commands are to come from here.
-    Subscribe([String; 2]),
+    Subscribe(Vec<String>),
     /// A message is to be published; [`Input::Taken`] has its number.
     Publish(u64, Message),
     /// A command is to be carried out; [`Input::Ended`] has its reply.
@@ -167,6 +168,8 @@ struct Link {
     refused: BTreeMap<String, Option<Duration>>,
     /// Others are told that the outlet is there.
     is_online: bool,
+    /// When Home Assistant is told of all modules again.
+    describes: Option<Duration>,
 }
 
 impl Link {
@@ -256,7 +259,7 @@ impl Node {
             Input::Missed(count) => self.dropped(count),
             Input::Connected => self.connected(now),
             Input::Lost => self.lost(),
-            Input::Received(message) => self.received(message),
+            Input::Received(message) => self.received(now, message),
             Input::Ended(reply, result) => {
                 self.under_way = self.under_way.saturating_sub(1);
                 self.answer(reply, result);
@@ -281,6 +284,7 @@ impl Node {
             return Some(self.publish(now, message, Flight::Health));
         }
         self.try_again(now);
+        self.describe_again(now);
         // One after the other, so that none of them keeps the others waiting.
         for _ in 0..3 {
             self.turn = (self.turn + 1) % 3;
@@ -304,7 +308,7 @@ impl Node {
             return stuck;
         }
         let again = link.refused.values().flatten().min().copied();
-        [Some(link.health), again, stuck]
+        [Some(link.health), again, stuck, link.describes]
             .into_iter()
             .flatten()
             .min()
@@ -337,13 +341,12 @@ impl Node {
 
     fn news(&mut self, news: &News) {
         let changed = match news {
-            News::Picture(picture) => {
-                let changed = self.told.picture(picture);
-                self.outputs.push_back(Output::Keep(self.told.kept()));
-                changed
-            }
+            News::Picture(picture) => self.told.picture(picture),
             News::Batch(batch) => self.told.batch(batch),
         };
+        if self.told.is_to_be_kept() {
+            self.outputs.push_back(Output::Keep(self.told.kept()));
+        }
         // Without a connection everything is told once there is one.
         if self.link.is_some() && !self.is_ending {
             changed.into_iter().for_each(|topic| self.due(topic));

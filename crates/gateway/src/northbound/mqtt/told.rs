@@ -1,5 +1,6 @@
 //! What the broker keeps: for each topic the newest that is to be said.
 
+use super::discovery::Described;
 use super::topics::{Facet, Topics};
 use railbus_app::api::convert;
 use railbus_host::Presence;
@@ -35,12 +36,17 @@ pub(super) struct Told {
     lines: BTreeMap<String, Value>,
     /// Whether each module answers.
     modules: BTreeMap<String, bool>,
+    /// What Home Assistant is told of them.
+    described: Described,
+    /// What is to be remembered is not what it was.
+    is_to_be_kept: bool,
 }
 
 impl Told {
     /// Nothing is known yet. `old` are the topics that an earlier run had.
     pub(super) fn new(site: &str, topics: Topics, mut old: BTreeSet<String>) -> Told {
         old.remove(&topics.bridge_state());
+        let described = Described::new(&mut old);
         Told {
             site: site.to_owned(),
             topics,
@@ -48,6 +54,8 @@ impl Told {
             old,
             lines: BTreeMap::new(),
             modules: BTreeMap::new(),
+            described,
+            is_to_be_kept: false,
         }
     }
 
@@ -75,6 +83,7 @@ impl Told {
     pub(super) fn clear(&mut self) -> Vec<String> {
         let all = std::mem::take(&mut self.wanted).into_keys();
         self.old.extend(all);
+        self.described = Described::default();
         self.old.iter().cloned().collect()
     }
 
@@ -83,23 +92,38 @@ impl Told {
         self.old.iter().cloned().collect()
     }
 
-    /// Every topic that the broker may have something at.
+    /// Every topic that is one of Home Assistant's.
+    pub(super) fn described(&self) -> Vec<String> {
+        let all = self.wanted.keys();
+        let its = all.filter(|topic| self.topics.describes(topic));
+        its.cloned().collect()
+    }
+
+    /// Whether what is to be remembered may not be what it was when this was last called.
+    pub(super) fn is_to_be_kept(&mut self) -> bool {
+        std::mem::take(&mut self.is_to_be_kept)
+    }
+
+    /// Every topic that the broker may have something at, and what was told at it.
     pub(super) fn kept(&self) -> Vec<String> {
         let own = std::iter::once(self.topics.bridge_state());
         let all = own.chain(self.wanted.keys().cloned());
-        all.chain(self.old.iter().cloned()).collect()
+        let all = all.chain(self.old.iter().cloned());
+        all.chain(self.described.remembered()).collect()
     }
 
-    /// All topics in the order in which they are told: what there is, values, and then which
-    /// modules answer.
+    /// All topics in the order in which they are told: what there is, values, what Home Assistant
+    /// is told, and then which modules answer.
     pub(super) fn all(&self) -> Vec<String> {
         let info = self.topics.bridge_info();
         let is_module = |topic: &str| topic.ends_with("/availability");
-        let points = self.wanted.keys();
+        let is_described = |topic: &&String| self.topics.describes(topic);
+        let points = self.wanted.keys().filter(|topic| !is_described(topic));
         let points = points.filter(|topic| **topic != info && !is_module(topic));
+        let described = self.wanted.keys().filter(is_described);
         let modules = self.wanted.keys().filter(|topic| is_module(topic));
-        let all = std::iter::once(&info).chain(points).chain(modules);
-        all.chain(self.old.iter()).cloned().collect()
+        let all = std::iter::once(&info).chain(points).chain(described);
+        all.chain(modules).chain(&self.old).cloned().collect()
     }
 
     /// How everything is. Gives back the topics that are to be told.
@@ -120,6 +144,12 @@ impl Told {
             true,
             &mut changed,
         );
+        let is_told = |topic: &str| before.contains_key(topic) || self.old.contains(topic);
+        let messages = self.described.picture(&self.topics, picture, is_told);
+        for (topic, payload) in messages {
+            self.put(topic, payload, true, &mut changed);
+        }
+        self.is_to_be_kept = true;
         changed.retain(|topic| before.get(topic) != self.wanted.get(topic));
         for topic in before.into_keys() {
             if !self.wanted.contains_key(&topic) {
@@ -136,12 +166,36 @@ impl Told {
     pub(super) fn batch(&mut self, batch: &Batch) -> Vec<String> {
         let mut changed = Vec::new();
         self.lines(&batch.lines);
+        let mut described = BTreeSet::new();
         for reading in &batch.points {
             self.point(&reading.status, &mut changed);
+            if self.described.point(&reading.status) {
+                described.insert(&reading.status.module);
+            }
         }
         self.modules(&batch.modules, &mut changed);
         self.modules(&batch.figures, &mut changed);
+        for module in described {
+            self.describe(module, &mut changed);
+        }
         changed
+    }
+
+    /// Home Assistant is told of a module anew.
+    fn describe(&mut self, module: &str, changed: &mut Vec<String>) {
+        let (wanted, old) = (&self.wanted, &self.old);
+        let is_told = |topic: &str| wanted.contains_key(topic) || old.contains(topic);
+        let (messages, gone) = self.described.messages(&self.topics, module, is_told);
+        for topic in gone {
+            self.wanted.remove(&topic);
+            self.old.insert(topic.clone());
+            changed.push(topic);
+        }
+        for (topic, payload) in messages {
+            self.old.remove(&topic);
+            self.put(topic, payload, true, changed);
+        }
+        self.is_to_be_kept = true;
     }
 
     /// How it goes.

@@ -1,0 +1,136 @@
+//! When Home Assistant is told, and in which order.
+
+use super::super::super::settings;
+use super::super::*;
+use railbus_site::{Config, Service};
+
+const TEXT: &str = "[line.main]\nport = \"/dev/ttyS99\"\n[module.oven]\nline = \"main\"\n\
+    model = \"erc8\"\naddress = 3\n";
+const ZERO: Duration = Duration::ZERO;
+const STATUS: &str = "homeassistant/status";
+const OVEN: &str = "homeassistant/device/railbus_plant_oven/config";
+
+async fn node(form: &str) -> Node {
+    let keys = json!({ "discovery": form, "write": ["oven"] });
+    let topics = settings::topics(&keys.as_object().cloned().unwrap(), "plant");
+    let mut node = Node::new(Setup {
+        site: "plant".to_owned(),
+        topics,
+        events: BTreeSet::new(),
+        old: BTreeSet::new(),
+    });
+    let service = Service::start(Config::parse(TEXT).unwrap()).unwrap();
+    let news = service.follow().next().await.unwrap();
+    node.handle(ZERO, Input::News(&news));
+    node
+}
+
+/// Everything that is to be done, each message taken at once: its topics.
+fn settle(node: &mut Node, now: Duration) -> Vec<String> {
+    let mut told = Vec::new();
+    while let Some(output) = node.poll(now) {
+        match output {
+            Output::Publish(number, message) => {
+                node.handle(now, Input::Taken(number, false));
+                told.push(message.topic);
+            }
+            Output::Subscribe(filters) => told.extend(filters),
+            _ => {}
+        }
+    }
+    told
+}
+
+fn status(payload: &str) -> Input<'static> {
+    Input::Received(Received {
+        topic: STATUS.to_owned(),
+        payload: payload.as_bytes().to_vec(),
+        ..Received::default()
+    })
+}
+
+#[tokio::test]
+async fn it_is_told_after_the_values_and_before_what_is_there() {
+    for (form, count) in [("device", 1), ("component", 9), ("off", 0)] {
+        let mut node = node(form).await;
+        node.handle(ZERO, Input::Connected);
+        let told = settle(&mut node, ZERO);
+        let is_listened = told[..3].contains(&STATUS.to_owned());
+        assert_eq!(is_listened, form != "off", "{told:?}");
+        let places = |of: &dyn Fn(&String) -> bool| {
+            let places = told.iter().enumerate().filter(|(_, topic)| of(topic));
+            places.map(|(place, _)| place).collect::<Vec<_>>()
+        };
+        let described = places(&|topic| topic.ends_with("/config"));
+        assert_eq!(described.len(), count, "{told:?}");
+        let values = places(&|topic| topic.ends_with("/attr"));
+        let there = places(&|topic| topic.ends_with("/availability"));
+        assert_eq!((values.len(), there.len()), (8, 1));
+        let bridge = places(&|topic| topic.ends_with("/bridge/state"));
+        assert_eq!(bridge.last(), Some(&(told.len() - 1)));
+        for place in described {
+            assert!(values.iter().all(|value| *value < place));
+            assert!(place < there[0]);
+        }
+    }
+}
+
+/// Not by all gateways at the same moment, and by each of them once.
+#[tokio::test]
+async fn home_assistant_is_told_all_again_when_it_has_come_back() {
+    let mut node = node("device").await;
+    node.handle(ZERO, status("online"));
+    node.handle(ZERO, Input::Connected);
+    settle(&mut node, ZERO);
+    let idle = node.deadline();
+    let begun = Duration::from_secs(3);
+    for other in ["offline", "", "ONLINE", "onlin"] {
+        node.handle(begun, status(other));
+        assert_eq!(node.deadline(), idle, "{other}");
+    }
+    node.handle(begun, status("online"));
+    let due = node.deadline().unwrap();
+    let spread = node.topics.discovery().unwrap().spread();
+    assert_eq!(due, begun + spread);
+    assert!(
+        spread > ZERO && spread <= Duration::from_secs(5),
+        "{spread:?}"
+    );
+    // Once more meanwhile is the same.
+    node.handle(begun + spread / 2, status("online"));
+    assert_eq!(node.deadline(), Some(due));
+    assert!(settle(&mut node, due - Duration::from_millis(1)).is_empty());
+    assert_eq!(settle(&mut node, due), [OVEN]);
+    assert_eq!(node.deadline(), idle);
+    node.handle(due, status("online"));
+    node.handle(due, Input::Stop { is_gone: false });
+    let told = settle(&mut node, 2 * due);
+    assert_eq!(told, ["railbus/plant/bridge/state"], "it ends");
+}
+
+/// Sites come back to Home Assistant at times of their own.
+#[test]
+fn every_site_has_its_own_time() {
+    let spread = |site: &str| {
+        let keys = json!({ "discovery": "device" });
+        let topics = settings::topics(&keys.as_object().cloned().unwrap(), site);
+        topics.discovery().unwrap().spread()
+    };
+    let all: BTreeSet<Duration> = (0..100).map(|nth| spread(&format!("plant{nth}"))).collect();
+    assert!(all.len() > 90, "{}", all.len());
+    assert!(all.last() <= Some(&Duration::from_secs(5)));
+    assert!(all.last() > Some(&Duration::from_secs(4)));
+    assert!(all.first() < Some(&Duration::from_secs(1)));
+}
+
+#[tokio::test]
+async fn no_answer_goes_where_home_assistant_is_told() {
+    let node = node("device").await;
+    assert!(!node.topics.may_respond(OVEN));
+    assert!(!node.topics.may_respond("homeassistant/switch/a/b/config"));
+    assert!(node.topics.may_respond("homeassistant/answers"));
+    assert!(
+        node.topics.is_own(OVEN),
+        "who may not publish there is told"
+    );
+}
