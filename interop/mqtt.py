@@ -359,9 +359,13 @@ class Plant:
         return self
 
     def publish(self, topic, payload, *words):
+        """`mosquitto_pub`, to a topic of the site."""
+        self.publish_at(f"railbus/plant/{topic}", payload, *words)
+
+    def publish_at(self, topic, payload, *words):
         """`mosquitto_pub`."""
         command = ["mosquitto_pub", *self.broker.words(), "-V", self.spoken, "-q", "1",
-                   "-t", f"railbus/plant/{topic}", "-m", payload, *words]
+                   "-t", topic, "-m", payload, *words]
         subprocess.run(command, check=True, timeout=PATIENCE, capture_output=True)
 
     def order(self, topic, payload, *words, verb="set"):
