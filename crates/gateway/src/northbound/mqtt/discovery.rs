@@ -229,6 +229,33 @@ impl Described {
         messages
     }
 
+    /// The topics at which modules were told in the other form, of those at which an earlier run
+    /// left something. Of single entities only those that are there in this form, too: the others
+    /// are to be removed.
+    pub(super) fn moving<'o>(
+        &self,
+        topics: &Topics,
+        old: &'o BTreeSet<String>,
+    ) -> impl Iterator<Item = &'o String> {
+        let mut moving = Vec::new();
+        for module in self.modules.keys() {
+            let Some(discovery) = topics.discovery() else {
+                break;
+            };
+            let of_device = discovery.device_topic(module);
+            match discovery.form {
+                Form::Component => moving.push(of_device),
+                Form::Device => {
+                    let told = self.told.get(&of_device).into_iter().flatten();
+                    let are = told.filter(|(_, is_one)| **is_one);
+                    let are = are.filter_map(|(entity, _)| entity.split_once('/'));
+                    moving.extend(are.map(|(kind, key)| discovery.entity_topic(module, kind, key)));
+                }
+            }
+        }
+        moving.into_iter().filter_map(|topic| old.get(&topic))
+    }
+
     /// A point is like this now. Whether what is told of its module may be something else.
     pub(super) fn point(&mut self, status: &PointStatus) -> bool {
         let known = self.modules.get_mut(&status.module);

@@ -24,6 +24,8 @@ const QUEUE_MAX: usize = 256;
 const HEALTH_EVERY: Duration = Duration::from_secs(30);
 /// The longest time in which a broker acknowledges a message.
 const ACKNOWLEDGED_MAX: Duration = Duration::from_secs(10);
+/// Home Assistant lets go of what is to be told in another form within this time.
+const MOVE_WAIT: Duration = Duration::from_secs(3);
 /// What the broker refused to keep is published again after this time.
 const REFUSED_WAIT: Duration = Duration::from_secs(10);
 
@@ -436,6 +438,7 @@ impl Node {
         self.outputs.push_back(Output::Subscribe(commands));
         // What is still kept from before is not to be trusted until it has been told anew.
         self.due.push_back(Due::Bridge(false));
+        self.told.begin();
         let all = self.told.all();
         all.into_iter().for_each(|topic| self.due(topic));
         self.due.push_back(Due::Bridge(true));
@@ -493,6 +496,11 @@ impl Node {
                 true => counted.refused += 1,
                 false => counted.sent += 1,
             }
+        }
+        if let Flight::Newest(topic) = &flight
+            && self.told.moves(topic)
+        {
+            link.describes = Some(now + MOVE_WAIT);
         }
         match flight {
             // It stays among those that are to be cleared, for the next connection.

@@ -16,6 +16,9 @@ pub(super) const ONLINE: &str = "online";
 pub(super) const OFFLINE: &str = "offline";
 /// A value that is not known, or no longer.
 const NOT_KNOWN: &str = "None";
+/// Home Assistant is to let an entity go, and to keep what people have set for it: it comes back at
+/// another topic.
+const MOVES: &[u8] = b"{\"migrate_discovery\":true}";
 
 /// The newest payload of a topic.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -40,6 +43,10 @@ pub(super) struct Told {
     described: Described,
     /// What is to be remembered is not what it was.
     is_to_be_kept: bool,
+    /// Of the old topics those at which Home Assistant was told in the other form, and whether it
+    /// was told that they move.
+    moving: BTreeMap<String, bool>,
+    moves: Newest,
 }
 
 impl Told {
@@ -56,12 +63,20 @@ impl Told {
             modules: BTreeMap::new(),
             described,
             is_to_be_kept: false,
+            moving: BTreeMap::new(),
+            moves: Newest {
+                payload: MOVES.to_owned(),
+                is_sure: true,
+            },
         }
     }
 
     /// The payload of a topic.
     pub(super) fn newest(&self, topic: &str) -> Option<&Newest> {
-        self.wanted.get(topic)
+        let moves = self.moving.get(topic) == Some(&false);
+        moves
+            .then_some(&self.moves)
+            .or_else(|| self.wanted.get(topic))
     }
 
     /// Whether a topic is to be cleared.
@@ -71,7 +86,21 @@ impl Told {
 
     /// A topic was cleared. Whether all are now.
     pub(super) fn cleared(&mut self, topic: &str) -> bool {
+        self.moving.remove(topic);
         self.old.remove(topic) && self.old.is_empty()
+    }
+
+    /// A connection has begun: what was told on another one is told again.
+    pub(super) fn begin(&mut self) {
+        self.moving
+            .values_mut()
+            .for_each(|is_told| *is_told = false);
+    }
+
+    /// Home Assistant was told that a topic moves. Whether it was told so of all of them now.
+    pub(super) fn moves(&mut self, topic: &str) -> bool {
+        let is_new = self.moving.get_mut(topic).map(|is_told| *is_told = true);
+        is_new.is_some() && self.moving.values().all(|is_told| *is_told)
     }
 
     /// A topic is to be cleared.
@@ -84,6 +113,7 @@ impl Told {
         let all = std::mem::take(&mut self.wanted).into_keys();
         self.old.extend(all);
         self.described = Described::default();
+        self.moving.clear();
         self.old.iter().cloned().collect()
     }
 
@@ -92,11 +122,11 @@ impl Told {
         self.old.iter().cloned().collect()
     }
 
-    /// Every topic that is one of Home Assistant's.
+    /// Every topic that is one of Home Assistant's, and then those from which they have moved.
     pub(super) fn described(&self) -> Vec<String> {
         let all = self.wanted.keys();
         let its = all.filter(|topic| self.topics.describes(topic));
-        its.cloned().collect()
+        its.chain(self.moving.keys()).cloned().collect()
     }
 
     /// Whether what is to be remembered may not be what it was when this was last called.
@@ -113,7 +143,8 @@ impl Told {
     }
 
     /// All topics in the order in which they are told: what there is, values, what Home Assistant
-    /// is told, and then which modules answer.
+    /// is told, and then which modules answer. While something moves, Home Assistant is told that,
+    /// and the rest later.
     pub(super) fn all(&self) -> Vec<String> {
         let info = self.topics.bridge_info();
         let is_module = |topic: &str| topic.ends_with("/availability");
@@ -121,9 +152,13 @@ impl Told {
         let points = self.wanted.keys().filter(|topic| !is_described(topic));
         let points = points.filter(|topic| **topic != info && !is_module(topic));
         let described = self.wanted.keys().filter(is_described);
+        let described = described.filter(|_| self.moving.is_empty());
+        let described = described.chain(self.moving.keys());
+        let old = self.old.iter();
+        let old = old.filter(|topic| !self.moving.contains_key(*topic));
         let modules = self.wanted.keys().filter(|topic| is_module(topic));
         let all = std::iter::once(&info).chain(points).chain(described);
-        all.chain(modules).chain(&self.old).cloned().collect()
+        all.chain(modules).chain(old).cloned().collect()
     }
 
     /// How everything is. Gives back the topics that are to be told.
@@ -159,6 +194,10 @@ impl Told {
         }
         let wanted = &self.wanted;
         self.old.retain(|topic| !wanted.contains_key(topic));
+        let before = std::mem::take(&mut self.moving);
+        let moving = self.described.moving(&self.topics, &self.old);
+        let moving = moving.map(|topic| (topic.clone(), before.get(topic) == Some(&true)));
+        self.moving = moving.collect();
         changed
     }
 

@@ -11,13 +11,18 @@ const STATUS: &str = "homeassistant/status";
 const OVEN: &str = "homeassistant/device/railbus_plant_oven/config";
 
 async fn node(form: &str) -> Node {
+    after(form, &[]).await
+}
+
+/// After a run that has left something at these topics.
+async fn after(form: &str, old: &[String]) -> Node {
     let keys = json!({ "discovery": form, "write": ["oven"] });
     let topics = settings::topics(&keys.as_object().cloned().unwrap(), "plant");
     let mut node = Node::new(Setup {
         site: "plant".to_owned(),
         topics,
         events: BTreeSet::new(),
-        old: BTreeSet::new(),
+        old: old.iter().cloned().collect(),
     });
     let service = Service::start(Config::parse(TEXT).unwrap()).unwrap();
     let news = service.follow().next().await.unwrap();
@@ -133,4 +138,94 @@ async fn no_answer_goes_where_home_assistant_is_told() {
         node.topics.is_own(OVEN),
         "who may not publish there is told"
     );
+}
+
+/// Everything that is published, each message taken at once.
+fn published(node: &mut Node, now: Duration) -> Vec<(String, String)> {
+    let mut told = Vec::new();
+    while let Some(output) = node.poll(now) {
+        if let Output::Publish(number, message) = output {
+            node.handle(now, Input::Taken(number, false));
+            assert!(message.is_retained || message.topic.ends_with("/health"));
+            told.push((message.topic, String::from_utf8(message.payload).unwrap()));
+        }
+    }
+    told
+}
+
+/// What people have named and put into rooms stays so.
+#[tokio::test]
+async fn another_form_takes_over_from_the_one_before() {
+    let moves = "{\"migrate_discovery\":true}";
+    for (before, form, count) in [("component", "device", 9), ("device", "component", 1)] {
+        let gone = "homeassistant/switch/railbus_plant_oven/k9/config".to_owned();
+        let mut left = node(before).await.told.kept();
+        left.push(gone.clone());
+        let mut node = after(form, &left).await;
+        let old = self::node(before).await.told.described();
+        let new = self::node(form).await.told.described();
+        assert_eq!(old.len(), count);
+        // Twice: the first connection is lost before it is done.
+        for is_last in [false, true] {
+            node.handle(ZERO, Input::Connected);
+            let told = published(&mut node, ZERO);
+            let at = |topic: &String| {
+                let its = told.iter().filter(|(told, _)| told == topic);
+                its.map(|(_, payload)| &**payload).collect::<Vec<_>>()
+            };
+            assert!(old.iter().all(|topic| at(topic) == [moves]), "{told:?}");
+            assert!(new.iter().all(|topic| at(topic).is_empty()));
+            assert_eq!(at(&gone).len(), usize::from(!is_last), "cleared at once");
+            assert_eq!(told.last().unwrap().1, "online");
+            if !is_last {
+                node.handle(ZERO, Input::Lost);
+            }
+        }
+        let wait = Duration::from_secs(3);
+        assert_eq!(node.deadline(), Some(wait));
+        assert_eq!(published(&mut node, wait - Duration::from_millis(1)), []);
+        let told = published(&mut node, wait);
+        let (first, last) = told.split_at(new.len());
+        assert!(
+            first
+                .iter()
+                .all(|(topic, payload)| new.contains(topic) && payload != moves)
+        );
+        let cleared = old.iter().map(|topic| (topic.clone(), String::new()));
+        assert!(cleared.eq(last.iter().cloned()), "{last:?}");
+        node.handle(wait, Input::Lost);
+        node.handle(wait, Input::Connected);
+        let told = published(&mut node, wait);
+        assert!(
+            !told.iter().any(|(_, payload)| payload == moves),
+            "it is over"
+        );
+        assert!(
+            new.iter()
+                .all(|topic| told.iter().any(|(told, _)| told == topic))
+        );
+        assert!(!old.iter().any(|topic| node.told.kept().contains(topic)));
+    }
+}
+
+/// What is no more in the other form is removed, and does not move.
+#[tokio::test]
+async fn only_what_is_still_there_moves() {
+    let mut left = node("component").await.told.kept();
+    let k9 = "homeassistant/switch/railbus_plant_oven/k9/config".to_owned();
+    let pump = "homeassistant/switch/railbus_plant_pump/do0/config".to_owned();
+    left.extend([k9.clone(), pump.clone()]);
+    let mut node = after("device", &left).await;
+    node.handle(ZERO, Input::Connected);
+    let told = published(&mut node, ZERO);
+    for gone in [k9, pump] {
+        let its = told.iter().filter(|(topic, _)| *topic == gone);
+        assert!(its.map(|(_, payload)| &**payload).eq([""]), "{gone}");
+    }
+    let mut node = after("off", &left).await;
+    node.handle(ZERO, Input::Connected);
+    let told = published(&mut node, ZERO);
+    let its = told.iter().filter(|(topic, _)| topic.ends_with("/config"));
+    let payloads: Vec<&str> = its.map(|(_, payload)| &**payload).collect();
+    assert_eq!(payloads, [""; 11]);
 }
