@@ -449,6 +449,7 @@ def home(form):
                     order_home(s)
                 by_home(s, form)
                 back(s, form)
+                other_form(s, form)
                 no_ghosts(s, form)
         finally:
             broker.close()
@@ -557,6 +558,31 @@ def back(s, form):
     took = time.monotonic() - began
     s.check(entry, sorted(configs(since)), want, "each of them once")
     s.check(entry, took < TOLD_AGAIN + 3, True, f"after {took:.1f} s")
+
+
+def other_form(s, form):
+    """The other form takes over, and back again: Home Assistant lets go of each entity first."""
+    entry = f"{form}: the other form takes over"
+    moves = '{"migrate_discovery":true}'
+    for now in ("component" if form == "device" else "device", form):
+        since = s.watcher.count()
+        is_new = lambda topic, now=now: topic.startswith(f"{HOME}/device/") == (now == "device")
+        s.ask("PUT", "/outlets/mqtt/scada", {**s.settings, "discovery": now})
+        known = lambda: [(topic, payload) for _, _, topic, payload in s.watcher.got[since:]
+                         if topic.startswith(f"{HOME}/")]
+        until(lambda: (told := known()) and told[-1][1] == ""
+              and [payload for _, payload in told].count(moves)
+              == [payload for _, payload in told].count(""))
+        told = known()
+        old = {topic for topic, _ in told if not is_new(topic)}
+        s.check(entry, (len(old) == 3) == (now == "component"), True, f"{now}: {len(old)} topics")
+        for topic in old:
+            s.check(entry, [payload for each, payload in told if each == topic], [moves, ""], topic)
+        new = [nth for nth, (topic, _) in enumerate(told) if is_new(topic)]
+        asked = [nth for nth, (_, payload) in enumerate(told) if payload == moves]
+        cleared = [nth for nth, (_, payload) in enumerate(told) if payload == ""]
+        s.check(entry, max(asked) < min(new) and max(new) < min(cleared), True, f"{now}: order")
+        s.told(entry, "bridge/state", "online", f"{now}")
 
 
 def no_ghosts(s, form):
