@@ -256,7 +256,7 @@ impl Node {
     /// Takes what happens. `now` is the time since any fixed moment.
     pub(super) fn handle(&mut self, now: Duration, input: Input<'_>) {
         match input {
-            Input::News(news) => self.news(news),
+            Input::News(news) => self.news(now, news),
             Input::Event(event) => self.event(*event),
             Input::Missed(count) => self.dropped(count),
             Input::Connected => self.connected(now),
@@ -341,7 +341,7 @@ impl Node {
         std::mem::take(&mut self.counted)
     }
 
-    fn news(&mut self, news: &News) {
+    fn news(&mut self, now: Duration, news: &News) {
         let changed = match news {
             News::Picture(picture) => self.told.picture(picture),
             News::Batch(batch) => self.told.batch(batch),
@@ -351,6 +351,7 @@ impl Node {
         }
         // Without a connection everything is told once there is one.
         if self.link.is_some() && !self.is_ending {
+            self.described(now, &changed);
             changed.into_iter().for_each(|topic| self.due(topic));
         }
         if let Some(link) = &mut self.link {

@@ -112,7 +112,6 @@ impl Told {
     pub(super) fn clear(&mut self) -> Vec<String> {
         let all = std::mem::take(&mut self.wanted).into_keys();
         self.old.extend(all);
-        self.described = Described::default();
         self.moving.clear();
         self.old.iter().cloned().collect()
     }
@@ -120,6 +119,16 @@ impl Told {
     /// What is still to be cleared.
     pub(super) fn left(&self) -> Vec<String> {
         self.old.iter().cloned().collect()
+    }
+
+    /// Whether something is to be told in another form.
+    pub(super) fn is_moving(&self) -> bool {
+        !self.moving.is_empty()
+    }
+
+    /// Whether Home Assistant is told something else at one of these topics.
+    pub(super) fn describes(&self, changed: &[String]) -> bool {
+        changed.iter().any(|topic| self.topics.describes(topic))
     }
 
     /// Every topic that is one of Home Assistant's, and then those from which they have moved.
@@ -154,11 +163,9 @@ impl Told {
         let described = self.wanted.keys().filter(is_described);
         let described = described.filter(|_| self.moving.is_empty());
         let described = described.chain(self.moving.keys());
-        let old = self.old.iter();
-        let old = old.filter(|topic| !self.moving.contains_key(*topic));
         let modules = self.wanted.keys().filter(|topic| is_module(topic));
         let all = std::iter::once(&info).chain(points).chain(described);
-        all.chain(modules).chain(old).cloned().collect()
+        all.chain(modules).chain(&self.old).cloned().collect()
     }
 
     /// How everything is. Gives back the topics that are to be told.

@@ -591,5 +591,26 @@ async fn while_it_is_not_known_what_an_output_does_it_stays_what_it_was() {
                 .iter()
                 .all(|name| pulsed.contains(&&**name))
         );
+        // And back: the button was one once, and the switch is one now.
+        told.batch(&change(&unknown, "do0", None));
+        // The other one is to be confirmed.
+        told.batch(&change(&unknown, "do1", None));
+        let kept: Vec<String> = told
+            .kept()
+            .into_iter()
+            .filter(|topic| !told.is_old(topic))
+            .collect();
+        let mut later = self::told("plant", form.clone(), &kept);
+        later.picture(&unknown);
+        assert_eq!(is(&later, &form), ["switch/do0"]);
+        let of_form = |told: &Told| match form["discovery"] == "device" {
+            true => entities(told, "pump").0.join(" "),
+            false => told.described().join(" "),
+        };
+        let buttons = of_form(&later);
+        assert!(
+            buttons.contains("do1_on") && buttons.contains("do1_off"),
+            "{buttons}"
+        );
     }
 }

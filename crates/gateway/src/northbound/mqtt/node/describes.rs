@@ -4,6 +4,10 @@ use super::super::told::ONLINE;
 use super::Node;
 use std::time::Duration;
 
+/// Home Assistant drops most of a message of a module that comes while it is still busy with the one
+/// before: what is something else is told once more after this time.
+const AGAIN_WAIT: Duration = Duration::from_secs(10);
+
 impl Node {
     /// Home Assistant says whether it is there. After it has come back it is told all again, but
     /// not by all gateways at the same time.
@@ -13,7 +17,17 @@ impl Node {
         };
         let link = self.link.as_mut().filter(|_| !self.is_ending);
         if let Some(link) = link.filter(|_| payload == ONLINE.as_bytes()) {
-            link.describes.get_or_insert(now + discovery.spread());
+            let at = now + discovery.spread();
+            link.describes = Some(link.describes.map_or(at, |before| before.min(at)));
+        }
+    }
+
+    /// These topics have something else now.
+    pub(super) fn described(&mut self, now: Duration, changed: &[String]) {
+        if let Some(link) = &mut self.link
+            && self.told.describes(changed)
+        {
+            link.describes = Some(now + AGAIN_WAIT);
         }
     }
 
@@ -22,7 +36,7 @@ impl Node {
         let link = self.link.as_mut().filter(|_| !self.is_ending);
         let is_due = |link: &&mut super::Link| link.describes.is_some_and(|at| at <= now);
         if let Some(link) = link.filter(is_due) {
-            link.describes = None;
+            link.describes = self.told.is_moving().then_some(now + AGAIN_WAIT);
             let all = self.told.described();
             all.into_iter().for_each(|topic| self.due(topic));
         }

@@ -2,6 +2,7 @@
 
 use super::super::super::settings;
 use super::super::*;
+use super::AGAIN_WAIT;
 use railbus_site::{Config, Service};
 
 const TEXT: &str = "[line.main]\nport = \"/dev/ttyS99\"\n[module.oven]\nline = \"main\"\n\
@@ -193,6 +194,9 @@ async fn another_form_takes_over_from_the_one_before() {
         );
         let cleared = old.iter().map(|topic| (topic.clone(), String::new()));
         assert!(cleared.eq(last.iter().cloned()), "{last:?}");
+        let again = wait + AGAIN_WAIT;
+        assert_eq!(node.deadline(), Some(again), "it may still have been busy");
+        assert_eq!(published(&mut node, again), first);
         node.handle(wait, Input::Lost);
         node.handle(wait, Input::Connected);
         let told = published(&mut node, wait);
@@ -208,13 +212,69 @@ async fn another_form_takes_over_from_the_one_before() {
     }
 }
 
+#[tokio::test]
+async fn nothing_takes_over_before_all_was_let_go() {
+    let left = node("component").await.told.kept();
+    let mut node = after("device", &left).await;
+    node.handle(ZERO, Input::Connected);
+    let mut asked = Vec::new();
+    while let Some(output) = node.poll(ZERO) {
+        if let Output::Publish(number, message) = output {
+            match message.payload.starts_with(b"{\"migrate") {
+                true => asked.push(number),
+                false => node.handle(ZERO, Input::Taken(number, false)),
+            }
+        }
+    }
+    let last = asked.pop().unwrap();
+    for number in asked {
+        node.handle(ZERO, Input::Taken(number, false));
+    }
+    assert_eq!(node.link.as_ref().unwrap().describes, None);
+    node.handle(ZERO, Input::Taken(last, true));
+    assert_eq!(node.link.as_ref().unwrap().describes, Some(MOVE_WAIT));
+}
+
+/// Home Assistant may have been busy with the message before.
+#[tokio::test]
+async fn what_is_something_else_is_told_twice() {
+    let mut node = node("device").await;
+    node.handle(ZERO, Input::Connected);
+    settle(&mut node, ZERO);
+    let idle = node.deadline();
+    let now = Duration::from_secs(2);
+    for (text, is_other) in [
+        (TEXT.to_owned(), false),
+        (format!("{TEXT}name = \"Oven\"\n"), true),
+    ] {
+        let service = Service::start(Config::parse(&text).unwrap()).unwrap();
+        let news = service.follow().next().await.unwrap();
+        node.handle(now, Input::News(&news));
+        let told = settle(&mut node, now);
+        assert_eq!(told.contains(&OVEN.to_owned()), is_other, "{told:?}");
+        let again = is_other.then_some(now + AGAIN_WAIT).or(idle);
+        assert_eq!(node.deadline(), again);
+    }
+    node.handle(now, status("online"));
+    let spread = node.topics.discovery().unwrap().spread();
+    assert_eq!(
+        node.deadline(),
+        Some(now + spread),
+        "not later than it says"
+    );
+    assert_eq!(settle(&mut node, now + spread), [OVEN]);
+    assert_eq!(node.deadline(), idle);
+}
+
 /// What is no more in the other form is removed, and does not move.
 #[tokio::test]
 async fn only_what_is_still_there_moves() {
     let mut left = node("component").await.told.kept();
     let k9 = "homeassistant/switch/railbus_plant_oven/k9/config".to_owned();
     let pump = "homeassistant/switch/railbus_plant_pump/do0/config".to_owned();
-    left.extend([k9.clone(), pump.clone()]);
+    // It was one in this form once, and is none any more.
+    let once = format!("{OVEN}#switch/k9#");
+    left.extend([k9.clone(), pump.clone(), once]);
     let mut node = after("device", &left).await;
     node.handle(ZERO, Input::Connected);
     let told = published(&mut node, ZERO);
