@@ -471,6 +471,9 @@ def entities(s, form):
         _, kind, device, *key = topic.split("/")[:-1]
         module = device.removeprefix("railbus_plant_")
         config = json.loads(payload)
+        # A daemon that was killed may have to let go of the other form once more.
+        if config == {"migrate_discovery": True}:
+            continue
         if form == "component":
             found[module, kind, key[0]] = config
             continue
