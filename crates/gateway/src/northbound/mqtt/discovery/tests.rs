@@ -433,6 +433,13 @@ async fn its_topics_begin_as_they_are_set() {
         all.iter()
             .all(|topic| topic.starts_with("ha/test/device/railbus_1----"))
     );
+    for (base, is_other) in [("railbus", false), ("north", true)] {
+        let settings = json!({ "discovery": "device", "base": base });
+        let mut told = self::told("plant", settings, &[]);
+        told.picture(&picture(SITE).await);
+        let plain = "homeassistant/device/railbus_plant_oven/config".to_owned();
+        assert_eq!(!told.described().contains(&plain), is_other, "{base}");
+    }
     let keys = json!({ "write": ["oven"] }).as_object().cloned().unwrap();
     let mut none = Told::new("plant", settings::topics(&keys, "plant"), BTreeSet::new());
     none.picture(&picture(SITE).await);

@@ -15,7 +15,7 @@ impl Node {
         let Some(discovery) = self.topics.discovery() else {
             return;
         };
-        let link = self.link.as_mut().filter(|_| !self.is_ending);
+        let link = self.link.as_mut();
         if let Some(link) = link.filter(|_| payload == ONLINE.as_bytes()) {
             let at = now + discovery.spread();
             link.describes = Some(link.describes.map_or(at, |before| before.min(at)));
