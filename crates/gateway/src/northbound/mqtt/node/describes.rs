@@ -4,7 +4,7 @@ use super::super::told::ONLINE;
 use super::Node;
 use std::time::Duration;
 
-/// Home Assistant drops most of a message of a module that comes while it is still busy with the one
+/// Home Assistant drops most of a message of a module that comes while it is busy with the one
 /// before: what is something else is told once more after this time.
 const AGAIN_WAIT: Duration = Duration::from_secs(10);
 
