@@ -131,11 +131,12 @@ impl Told {
         changed.iter().any(|topic| self.topics.describes(topic))
     }
 
-    /// Every topic that is one of Home Assistant's, and then those from which they have moved.
+    /// Every topic that is one of Home Assistant's, after those from which they have moved: once it
+    /// knows the new ones, it warns of what still comes from the others.
     pub(super) fn described(&self) -> Vec<String> {
         let all = self.wanted.keys();
         let its = all.filter(|topic| self.topics.describes(topic));
-        its.chain(self.moving.keys()).cloned().collect()
+        self.moving.keys().chain(its).cloned().collect()
     }
 
     /// Whether what is to be remembered may not be what it was when this was last called.

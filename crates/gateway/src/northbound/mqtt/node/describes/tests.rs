@@ -186,17 +186,17 @@ async fn another_form_takes_over_from_the_one_before() {
         assert_eq!(node.deadline(), Some(wait));
         assert_eq!(published(&mut node, wait - Duration::from_millis(1)), []);
         let told = published(&mut node, wait);
-        let (first, last) = told.split_at(new.len());
-        assert!(
-            first
-                .iter()
-                .all(|(topic, payload)| new.contains(topic) && payload != moves)
-        );
+        let (first, last) = told.split_at(old.len());
         let cleared = old.iter().map(|topic| (topic.clone(), String::new()));
-        assert!(cleared.eq(last.iter().cloned()), "{last:?}");
+        assert!(cleared.eq(first.iter().cloned()), "{first:?}");
+        let is_new = |(topic, payload): &(String, String)| new.contains(topic) && payload != moves;
+        assert!(
+            last.len() == new.len() && last.iter().all(is_new),
+            "{last:?}"
+        );
         let again = wait + AGAIN_WAIT;
         assert_eq!(node.deadline(), Some(again), "it may still have been busy");
-        assert_eq!(published(&mut node, again), first);
+        assert_eq!(published(&mut node, again), last);
         node.handle(wait, Input::Lost);
         node.handle(wait, Input::Connected);
         let told = published(&mut node, wait);
