@@ -233,12 +233,12 @@ class OldBroker:
 
 
 class Watcher:
-    """`mosquitto_sub`: all messages, and the newest of each topic."""
+    """`mosquitto_sub` with more of its words: all messages, and the newest of each topic."""
 
-    def __init__(self, broker, version, topic="#"):
+    def __init__(self, broker, version, topic="#", *words):
         self.got, self.lock = [], threading.Lock()
         command = ["mosquitto_sub", *broker.words(), "-V", version, "-q", "1", "-t", topic,
-                   "-F", "%r %t %p"]
+                   "-F", "%r %t %p", *words]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True,
                                         stderr=subprocess.DEVNULL)
         self.thread = threading.Thread(target=self._run, daemon=True)
