@@ -233,12 +233,12 @@ class OldBroker:
 
 
 class Watcher:
-    """`mosquitto_sub`: all messages, and the newest of each topic."""
+    """`mosquitto_sub` with more of its words: all messages, and the newest of each topic."""
 
-    def __init__(self, broker, version, topic="#"):
+    def __init__(self, broker, version, topic="#", *words):
         self.got, self.lock = [], threading.Lock()
         command = ["mosquitto_sub", *broker.words(), "-V", version, "-q", "1", "-t", topic,
-                   "-F", "%r %t %p"]
+                   "-F", "%r %t %p", *words]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True,
                                         stderr=subprocess.DEVNULL)
         self.thread = threading.Thread(target=self._run, daemon=True)
@@ -359,9 +359,13 @@ class Plant:
         return self
 
     def publish(self, topic, payload, *words):
+        """`mosquitto_pub`, to a topic of the site."""
+        self.publish_at(f"railbus/plant/{topic}", payload, *words)
+
+    def publish_at(self, topic, payload, *words):
         """`mosquitto_pub`."""
         command = ["mosquitto_pub", *self.broker.words(), "-V", self.spoken, "-q", "1",
-                   "-t", f"railbus/plant/{topic}", "-m", payload, *words]
+                   "-t", topic, "-m", payload, *words]
         subprocess.run(command, check=True, timeout=PATIENCE, capture_output=True)
 
     def order(self, topic, payload, *words, verb="set"):

@@ -429,6 +429,203 @@ def removed(s):
     s.check(entry, left, [], "kept by the broker:")
 
 
+# Home Assistant ----------------------------------------------------------------------------
+
+HOME = "homeassistant"
+# Home Assistant is told all again within this time after it has come back, in seconds.
+TOLD_AGAIN = 5.0
+
+
+def home(form):
+    """What Home Assistant is told, in this form, and what it would do with that."""
+
+    def run():
+        broker = Broker()
+        try:
+            with Plant(broker, **ALL, discovery=form) as s:
+                s.settled()
+                told_home(s, form)
+                if form == "device":
+                    order_home(s)
+                by_home(s, form)
+                back(s, form)
+                other_form(s, form)
+                no_ghosts(s, form)
+        finally:
+            broker.close()
+        return s.tally
+
+    return run
+
+
+def entities(s, form):
+    """The entities of every module as (module, kind, key), with what is said of them; and those
+    that are to be removed."""
+    found, gone = {}, set()
+    with s.watcher.lock:
+        newest = {topic: payload for _, _, topic, payload in s.watcher.got
+                  if topic.startswith(f"{HOME}/") and topic.endswith("/config")}
+    for topic, payload in newest.items():
+        if not payload:
+            continue
+        _, kind, device, *key = topic.split("/")[:-1]
+        module = device.removeprefix("railbus_plant_")
+        config = json.loads(payload)
+        # A daemon that was killed may have to let go of the other form once more.
+        if config == {"migrate_discovery": True}:
+            continue
+        if form == "component":
+            found[module, kind, key[0]] = config
+            continue
+        for key, entity in config["cmps"].items():
+            kind = entity.pop("p")
+            if entity:
+                found[module, kind, key] = {**config, **entity}
+            else:
+                gone.add((module, kind, key))
+    return found, gone
+
+
+def told_home(s, form):
+    """Every point is told as what it is."""
+    entry = f"{form}: every point is an entity"
+    # The outputs of this module are told when it has said which of them give pulses.
+    until(lambda: ("hall", "switch", "do3") in entities(s, form)[0])
+    found, _ = entities(s, form)
+    for which in (("oven", "switch", "k1"), ("oven", "binary_sensor", "k6_state"),
+                  ("oven", "button", "k7_on"), ("oven", "button", "k7_off"),
+                  ("oven", "binary_sensor", "k7_state"), ("hall", "binary_sensor", "di0"),
+                  ("tank", "sensor", "ai1"), ("tank", "binary_sensor", "connection")):
+        s.check(entry, which in found, True, str(which))
+    for which in (("oven", "switch", "k6"), ("oven", "switch", "k7")):
+        s.check(entry, which in found, False, str(which))
+    ids = [config["unique_id"] for config in found.values()]
+    s.check(entry, len(set(ids)), len(ids), "unique")
+    for (module, kind, key), config in found.items():
+        s.check(entry, config["unique_id"], f"railbus_plant_{module}_{key}", "unique_id")
+        s.check(entry, config["dev"]["ids"], [f"railbus_plant_{module}"], "its device")
+        # Where it listens, something is kept.
+        if kind != "button":
+            topic = config["state_topic"].removeprefix("railbus/plant/")
+            s.check(entry, s.newest(topic) is not None, True, topic)
+        for each in config["avty"]:
+            topic = each["t"].removeprefix("railbus/plant/")
+            s.check(entry, s.newest(topic), "online", topic)
+
+
+def order_home(s):
+    """After the values, and before `online`."""
+    entry = "discovery: after the values and before `online`"
+    since = s.watcher.count()
+    again(s)
+    topics = s.watcher.order(since)
+    online = max(nth for nth, topic in enumerate(topics) if topic == "railbus/plant/bridge/state")
+    places = {module: topics.index(f"{HOME}/device/railbus_plant_{module}/config")
+              for module in ("oven", "hall", "tank")}
+    values = [nth for nth, topic in enumerate(topics[:online]) if topic.endswith("k1/state")]
+    there = topics.index("railbus/plant/oven/availability")
+    first, last = min(places.values()), max(places.values())
+    s.check(entry, max(values) < first and last < there < online, True, str(places))
+
+
+def by_home(s, form):
+    """What was told is used as Home Assistant does."""
+    entry = f"{form}: commands as they were told"
+    found, _ = entities(s, form)
+
+    def use(which, word, value):
+        config = found[which]
+        topic = config["command_topic"].removeprefix("railbus/plant/")
+        s.publish(topic, config[word], *(["-r"] if config["retain"] else []))
+        state = topic.removesuffix("/set") + "/state"
+        s.told(entry, state, "ON" if value else "OFF", f"{which} {word}")
+        label = int(state.split("/")[1][1:]) - 1
+        s.check(entry, s.sim.outputs("oven")[label], value, f"{which} {word}")
+
+    use(("oven", "switch", "k1"), "payload_on", 1)
+    use(("oven", "switch", "k1"), "payload_off", 0)
+    use(("oven", "button", "k7_on"), "payload_press", 1)
+    use(("oven", "button", "k7_off"), "payload_press", 0)
+
+
+def back(s, form):
+    """Home Assistant has come back."""
+    entry = f"{form}: told again when Home Assistant is back"
+    configs = lambda since: [topic for topic in s.watcher.order(since)
+                             if topic.startswith(f"{HOME}/") and topic.endswith("/config")]
+    want = sorted(set(configs(0)) & {topic for topic in set(configs(0)) if s.watcher.newest(topic)})
+    since, began = s.watcher.count(), time.monotonic()
+    s.publish_at(f"{HOME}/status", "offline")
+    s.publish_at(f"{HOME}/status", "online")
+    until(lambda: sorted(configs(since)) == want)
+    took = time.monotonic() - began
+    s.check(entry, sorted(configs(since)), want, "each of them once")
+    s.check(entry, took < TOLD_AGAIN + 3, True, f"after {took:.1f} s")
+
+
+def other_form(s, form):
+    """The other form takes over, and back again: Home Assistant lets go of each entity first."""
+    entry = f"{form}: the other form takes over"
+    moves = '{"migrate_discovery":true}'
+    for now in ("component" if form == "device" else "device", form):
+        since = s.watcher.count()
+        is_new = lambda topic, now=now: topic.startswith(f"{HOME}/device/") == (now == "device")
+        s.ask("PUT", "/outlets/mqtt/scada", {**s.settings, "discovery": now})
+        known = lambda: [(topic, payload) for _, _, topic, payload in s.watcher.got[since:]
+                         if topic.startswith(f"{HOME}/")]
+        until(lambda: (told := known()) and told[-1][1] == ""
+              and [payload for _, payload in told].count(moves)
+              == [payload for _, payload in told].count(""))
+        told = known()
+        old = {topic for topic, _ in told if not is_new(topic)}
+        s.check(entry, (len(old) == 3) == (now == "component"), True, f"{now}: {len(old)} topics")
+        for topic in old:
+            s.check(entry, [payload for each, payload in told if each == topic], [moves, ""], topic)
+        new = [nth for nth, (topic, _) in enumerate(told) if is_new(topic)]
+        asked = [nth for nth, (_, payload) in enumerate(told) if payload == moves]
+        cleared = [nth for nth, (_, payload) in enumerate(told) if payload == ""]
+        s.check(entry, max(asked) < min(new) and max(new) < min(cleared), True, f"{now}: order")
+        s.told(entry, "bridge/state", "online", f"{now}")
+
+
+def no_ghosts(s, form):
+    """What is no more is taken away."""
+    entry = f"{form}: nothing is left of what is no more"
+    text = s.text().replace("k4 = {", "k1 = { locked = true }\nk2 = { hidden = true }\nk4 = {")
+    text = text.replace("[module.tank", "[module.vat")
+    s.daemon.config.write_text(text, encoding="utf-8")
+    s.daemon.process.send_signal(signal.SIGHUP)
+    until(lambda: ("vat", "sensor", "ai1") in entities(s, form)[0])
+    until(lambda: not any(module == "tank" for module, *_ in entities(s, form)[0]))
+    found, gone = entities(s, form)
+    s.check(entry, any(module == "tank" for module, *_ in found), False, "another name")
+    s.check(entry, ("oven", "binary_sensor", "k1_state") in found, True, "locked")
+    for which in (("oven", "switch", "k1"), ("oven", "switch", "k2")):
+        s.check(entry, which in found, False, str(which))
+        s.check(entry, which in gone, form == "device", f"{which} removed by name")
+    # It is the same after a restart, and also with the rights gone meanwhile.
+    s.daemon.end("KILL")
+    text = text.replace('write = ["*"]', 'write = ["hall"]')
+    s.daemon.config.write_text(text, encoding="utf-8")
+    s.daemon.start()
+    until(lambda: ("oven", "binary_sensor", "k8_state") in entities(s, form)[0])
+    until(lambda: ("oven", "switch", "k8") not in entities(s, form)[0])
+    found, gone = entities(s, form)
+    s.check(entry, [which for which in found if which[:2] == ("oven", "switch")], [], "rights")
+    if form == "device":
+        for key in ("k1", "k2", "k8"):
+            s.check(entry, ("oven", "switch", key) in gone, True, f"{key} after a restart")
+    s.check(entry, ("hall", "switch", "do0") in found, True, "rights that are left")
+    s.ask("PUT", "/outlets/mqtt/scada", {**s.settings, "discovery": "off"})
+    until(lambda: not entities(s, form)[0])
+    s.publish_at(f"{HOME}/~", "x", "-r")
+    late = Watcher(s.broker, s.spoken, f"{HOME}/#")
+    until(lambda: late.newest(f"{HOME}/~"))
+    left = [topic for topic in late.order() if topic != f"{HOME}/~"]
+    late.close()
+    s.check(entry, left, [], "kept by the broker:")
+
+
 def versions():
     """A broker that knows 3.1.1 only."""
     broker = Broker()
@@ -507,6 +704,8 @@ def reasons():
 SUITES = [(f"MQTT {way}", suite(way)) for way in WAYS]
 SUITES += [
     ("MQTT, the connection", life),
+    ("MQTT, Home Assistant, device", home("device")),
+    ("MQTT, Home Assistant, component", home("component")),
     ("MQTT, versions", versions),
     ("MQTT, why there is none", reasons),
 ]

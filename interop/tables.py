@@ -552,6 +552,12 @@ a broker with an empty store
 a frozen broker: the newest value afterwards
 a removed outlet leaves nothing
 a renamed outlet keeps its values
+{device,component}: every point is an entity
+{device,component}: commands as they were told
+{device,component}: told again when Home Assistant is back
+{device,component}: the other form takes over
+{device,component}: nothing is left of what is no more
+discovery: after the values and before `online`
 auto: 3.1.1 where 5 is refused
 version 5 only
 the test says what the broker is

@@ -41,6 +41,10 @@ const DEBIAN: &[Packages] = &[
         needed: |root| !firmware::target_installed(root),
     },
     Packages {
+        names: &["debootstrap"], // the Debian that Home Assistant runs in
+        needed: can_debootstrap,
+    },
+    Packages {
         names: &["lld"], // links the firmware
         needed: |root| !firmware::linker_there(root),
     },
@@ -111,6 +115,12 @@ fn privileges(root: &Path) -> Option<Vec<&'static str>> {
         return Some(Vec::new());
     }
     run::works(run::program(root, "sudo").args(["-n", "true"])).then(|| vec!["sudo", "-n"])
+}
+
+/// Whether we can make a Debian in a folder and start programs in there: root can, except in some
+/// containers.
+pub(crate) fn can_debootstrap(root: &Path) -> bool {
+    run::works(run::program(root, "unshare").args(["--mount", "true"]))
 }
 
 fn missing_packages<'a>(root: &Path, wanted: &[&'a str]) -> Result<Vec<&'a str>> {

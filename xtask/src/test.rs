@@ -106,6 +106,12 @@ const STEPS: &[Step] = &[
         run: |root| run::run(python(root).arg(API)),
     },
     Step {
+        name: "homeassistant",
+        needs_peers: true,
+        skip: no_home_assistant,
+        run: |root| run::run(python(root).arg(HOME_ASSISTANT)),
+    },
+    Step {
         name: "judge",
         needs_peers: true,
         skip: |root| missing(root, JUDGE),
@@ -302,6 +308,16 @@ const INTEROP_SHELL: &str = "interop/run.sh";
 
 /// The daemon's HTTP, tested by third-party programs.
 const API: &str = "interop/api.py";
+
+/// A real Home Assistant, which finds and switches what the daemon offers it.
+const HOME_ASSISTANT: &str = "interop/homeassistant/run.py";
+
+/// It runs in a Debian of its own.
+fn no_home_assistant(root: &Path) -> Option<String> {
+    let no_root = || String::from("it needs root, for a Debian of its own");
+    let can = peers::can_debootstrap(root);
+    missing(root, HOME_ASSISTANT).or_else(|| (!can).then(no_root))
+}
 
 fn missing(root: &Path, script: &str) -> Option<String> {
     (!root.join(script).is_file()).then(|| format!("there is no {script} yet"))

@@ -195,6 +195,7 @@ k3.confirm = true
                     time: value.map(|(.., at)| UNIX_EPOCH + Duration::from_micros(at)),
                     left: *left,
                     pulse: left.lease.map(|_| Micros::from_millis(500)),
+                    is_pulse_known: true,
                 });
             }
         }

@@ -7,7 +7,7 @@ use crate::config::Place;
 use crate::points::PointState;
 use crate::service::Update;
 use crate::{PointQuality, PointValue};
-use railbus_device::Point;
+use railbus_device::{Point, PointKind};
 use railbus_wire::{Instant, Micros, PulseWidth};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -18,7 +18,8 @@ struct Told {
     quality: PointQuality,
     /// When a pulse, a lease and the longest time end, in the time of the site.
     ends: [Option<Micros>; 3],
-    pulse: Option<PulseWidth>,
+    /// None while the module was not asked which outputs give pulses.
+    pulse: Option<Option<PulseWidth>>,
 }
 
 /// What was last told of the points of a module, in their order.
@@ -129,7 +130,9 @@ impl State {
                 value: known.map(|known| known.value),
                 quality: fault.map_or(quality, PointQuality::Bad),
                 ends: self.qualities.ends_of(module, point),
-                pulse: pulses.and_then(|pulses| pulses.of(point)),
+                pulse: pulses
+                    .filter(|_| point.kind == PointKind::Output)
+                    .map(|pulses| pulses.of(point)),
             };
             told.is_good &= is.quality == PointQuality::Good;
             if is.quality == PointQuality::Good

@@ -4,7 +4,7 @@ use super::Service;
 use crate::config::{ModuleConfig, Name, PointConfig, Range};
 use crate::core::State;
 use crate::{Config, PointQuality, PointValue};
-use railbus_device::{Point, Setup};
+use railbus_device::{Point, PointKind, PulseTiming, Setup};
 use railbus_host::{Evidence, LineState, Presence};
 use railbus_wire::{Instant, Micros, SerialSettings};
 use std::sync::Arc;
@@ -85,6 +85,9 @@ pub struct PointStatus {
     pub range: Option<Range>,
     /// The width of its pulses, where it is an output that gives some.
     pub pulse: Option<Micros>,
+    /// Whether `pulse` is known: a module that stores which outputs give pulses is asked when it
+    /// comes online.
+    pub is_pulse_known: bool,
 }
 
 /// What of a point is not said by the configuration. The fields are those of [`PointStatus`].
@@ -98,6 +101,7 @@ pub struct PointNow {
     pub time: Option<SystemTime>,
     pub left: Left,
     pub pulse: Option<Micros>,
+    pub is_pulse_known: bool,
 }
 
 /// How long it is until something is done to an output.
@@ -260,7 +264,9 @@ impl State {
     ) -> PointNow {
         let (known, quality) = self.site.point(module, point, now);
         let fault = self.line_fault(&described.line);
-        let pulse = self.site.pulses(module).and_then(|pulses| pulses.of(point));
+        let pulses = self.site.pulses(module);
+        let pulse = pulses.and_then(|pulses| pulses.of(point));
+        let is_stored = described.setup.family.datasheet().pulses == PulseTiming::Stored;
         PointNow {
             point,
             value: known.map(|known| known.value),
@@ -269,6 +275,7 @@ impl State {
             time: known.map(|known| known.time),
             left: self.left(module, point),
             pulse: pulse.map(|width| Micros::from_millis(u64::from(width.tenths()) * 100)),
+            is_pulse_known: pulses.is_some() || !is_stored || point.kind != PointKind::Output,
         }
     }
 }
@@ -289,6 +296,7 @@ impl PointStatus {
             time,
             left,
             pulse,
+            is_pulse_known,
         } = now;
         let (letters, number) = described.setup.label(point);
         let own = described.points.get(&point).cloned().unwrap_or_default();
@@ -307,6 +315,7 @@ impl PointStatus {
             range: described.range_shown(point).cloned(),
             left,
             pulse,
+            is_pulse_known,
         }
     }
 }

@@ -104,6 +104,7 @@ impl Stage {
             left: Default::default(),
             range: None,
             pulse: None,
+            is_pulse_known: true,
         });
     }
 

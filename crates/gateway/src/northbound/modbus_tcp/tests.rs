@@ -90,6 +90,7 @@ impl Stage {
             left: Default::default(),
             range: (point.kind == PointKind::Analog).then(Range::volts),
             pulse: None,
+            is_pulse_known: true,
         };
         self.images.get_mut(&unit).unwrap().apply(&status);
     }

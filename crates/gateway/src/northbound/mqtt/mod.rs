@@ -3,7 +3,8 @@
 //!
 //! - Its settings: `settings`. Its topics: `topics`. What a payload orders: `orders`.
 //! - Every change in its order, also those of an outage: `replay`.
-//! - What the broker keeps of the site: `told`; the file with its topics: `kept`.
+//! - What the broker keeps of the site: `told`; the file with its topics: `kept`. What Home
+//!   Assistant is told of the modules: `discovery`.
 //! - What goes to the broker and comes from there: `message`.
 //! - What is published and when, and which commands are carried out, without I/O: `node`. How a
 //!   command ended: `ends`. In which order they begin: `turns`.
@@ -12,6 +13,7 @@
 
 mod alive;
 mod dial;
+mod discovery;
 mod driver;
 mod ends;
 mod kept;
@@ -147,6 +149,30 @@ const FIELDS: &[Field] = &[
     ]),
     Field::new("modules", ["Modules", "模块"], Shape::Modules),
     Field::new(
+        "discovery",
+        ["Home Assistant discovery", "Home Assistant 自动发现"],
+        Shape::Choice(DISCOVERY),
+    )
+    .with_hint([
+        "Home Assistant then shows every module as a device. Outputs named above become switches",
+        "启用后，Home Assistant 会把每个模块显示为一个设备；上面允许操作的输出显示为开关",
+    ]),
+    Field::new(
+        "discovery_prefix",
+        ["Topics of discovery begin with", "自动发现的主题前缀"],
+        Shape::Text(128),
+    )
+    .with_hint(["homeassistant if left empty", "留空为 homeassistant"]),
+    Field::new(
+        "discovery_names",
+        ["Names in Home Assistant", "Home Assistant 中的名称"],
+        Shape::Choice(NAMES),
+    )
+    .with_hint([
+        "Where a module or point has a name in both languages",
+        "适用于同时有中英文名称的模块和点位",
+    ]),
+    Field::new(
         "events",
         ["Event types (none = all)", "事件类型；不选表示全部"],
         Shape::Choices(EVENTS),
@@ -167,6 +193,23 @@ const TLS: &[(&str, Pair)] = &[
         ["Never: others can read along", "不使用（数据可被他人读取）"],
     ),
 ];
+
+const DISCOVERY: &[(&str, Pair)] = &[
+    ("off", ["Off", "关闭"]),
+    (
+        "device",
+        ["One message for each module", "每个模块一条消息"],
+    ),
+    (
+        "component",
+        [
+            "One for each entity: before 2024.11, openHAB",
+            "每个实体一条消息：2024.11 之前的版本、openHAB",
+        ],
+    ),
+];
+
+const NAMES: &[(&str, Pair)] = &[("en", ["English", "英文"]), ("zh", ["Chinese", "中文"])];
 
 const VERSIONS: &[(&str, Pair)] = &[
     ("auto", ["5, otherwise 3.1.1", "优先 5，否则 3.1.1"]),

@@ -28,10 +28,13 @@ const QUEUE_MAX: usize = 256;
 const HEALTH_EVERY: Duration = Duration::from_secs(30);
 /// The longest time in which a broker acknowledges a message.
 const ACKNOWLEDGED_MAX: Duration = Duration::from_secs(10);
+/// Home Assistant lets go of what is to be told in another form within this time.
+const MOVE_WAIT: Duration = Duration::from_secs(3);
 /// What the broker refused to keep is published again after this time.
 const REFUSED_WAIT: Duration = Duration::from_secs(10);
 
 mod commands;
+mod describes;
 
 /// Where a result goes.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -82,7 +85,7 @@ pub(super) enum Input<'i> {
 #[derive(Debug, PartialEq)]
 pub(super) enum Output {
     /// Commands are to come from here.
-    Subscribe([String; 2]),
+    Subscribe(Vec<String>),
     /// A message is to be published; [`Input::Taken`] has its number.
     Publish(u64, Message),
     /// A command is to be carried out; [`Input::Ended`] has its reply.
@@ -152,6 +155,8 @@ struct Link {
     refused: BTreeMap<String, Option<Duration>>,
     /// Others are told that the outlet is there.
     is_online: bool,
+    /// When Home Assistant is told of all modules again.
+    describes: Option<Duration>,
 }
 
 impl Link {
@@ -240,12 +245,12 @@ impl Node {
     /// Takes what happens. `now` is the time since any fixed moment.
     pub(super) fn handle(&mut self, now: Duration, input: Input<'_>) {
         match input {
-            Input::News(news) => self.news(news),
+            Input::News(news) => self.news(now, news),
             Input::Event(event) => self.event(*event),
             Input::Missed(count) => self.dropped(count),
             Input::Connected => self.connected(now),
             Input::Lost => self.lost(),
-            Input::Received(message) => self.received(message),
+            Input::Received(message) => self.received(now, message),
             Input::Ended(reply, result) => {
                 self.under_way = self.under_way.saturating_sub(1);
                 self.answer(reply, result);
@@ -280,6 +285,7 @@ impl Node {
             return Some(self.publish(now, message, Flight::Health));
         }
         self.try_again(now);
+        self.describe_again(now);
         let replay = self.replay.as_mut().filter(|_| !self.is_ending);
         if let Some(after) = replay.and_then(|replay| replay.next_read(now)) {
             return Some(Output::Read(after));
@@ -309,7 +315,7 @@ impl Node {
         }
         let again = link.refused.values().flatten().min().copied();
         let replay = self.replay.as_ref().and_then(Replay::deadline);
-        [Some(link.health), again, stuck, replay]
+        [Some(link.health), again, stuck, link.describes, replay]
             .into_iter()
             .flatten()
             .min()
@@ -342,17 +348,17 @@ impl Node {
         std::mem::take(&mut self.counted)
     }
 
-    fn news(&mut self, news: &News) {
+    fn news(&mut self, now: Duration, news: &News) {
         let changed = match news {
-            News::Picture(picture) => {
-                let changed = self.told.picture(picture);
-                self.outputs.push_back(Output::Keep(self.told.kept()));
-                changed
-            }
+            News::Picture(picture) => self.told.picture(picture),
             News::Batch(batch) => self.told.batch(batch),
         };
+        if self.told.is_to_be_kept() {
+            self.outputs.push_back(Output::Keep(self.told.kept()));
+        }
         // Without a connection everything is told once there is one.
         if self.link.is_some() && !self.is_ending {
+            self.described(now, &changed);
             changed.into_iter().for_each(|topic| self.due(topic));
         }
         if let Some(link) = &mut self.link {
@@ -446,6 +452,7 @@ impl Node {
         self.outputs.push_back(Output::Subscribe(commands));
         // What is still kept from before is not to be trusted until it has been told anew.
         self.due.push_back(Due::Bridge(false));
+        self.told.begin();
         let all = self.told.all();
         all.into_iter().for_each(|topic| self.due(topic));
         self.due.push_back(Due::Bridge(true));
@@ -507,6 +514,11 @@ impl Node {
                 true => counted.refused += 1,
                 false => counted.sent += 1,
             }
+        }
+        if let Flight::Newest(topic) = &flight
+            && self.told.moves(topic)
+        {
+            link.describes = Some(now + MOVE_WAIT);
         }
         match flight {
             // It stays among those that are to be cleared, for the next connection.

@@ -1,7 +1,9 @@
 //! Its settings: which broker, how it is reached, and where its topics begin.
 
+use super::discovery::{Discovery, Form};
 use super::topics::{Topics, is_base, level};
 use crate::northbound::kind::ENABLED;
+use crate::northbound::outlet;
 use railbus_site::Config;
 use railbus_site::config::change::Keys;
 use railbus_site::config::{Invalid, OutletTable};
@@ -13,6 +15,8 @@ const PORT: u16 = 1883;
 const PORT_TLS: u16 = 8883;
 /// Where the topics begin.
 const BASE: &str = "railbus";
+/// Where the topics of discovery begin.
+const DISCOVERY: &str = "homeassistant";
 /// The broker, if none is named.
 const HOST: &str = "127.0.0.1";
 
@@ -98,7 +102,24 @@ fn site_of<'s>(settings: &'s Keys, site: &'s str) -> &'s str {
 /// Its topics at this site.
 pub(super) fn topics(settings: &Keys, site: &str) -> Topics {
     let base = text(settings, "base").unwrap_or(BASE);
-    Topics::new(base, site_of(settings, site), names(settings, "modules"))
+    let site = site_of(settings, site);
+    let discovery = form(settings).map(|form| {
+        let prefix = text(settings, "discovery_prefix").unwrap_or(DISCOVERY);
+        let is_zh = text(settings, "discovery_names") == Some("zh");
+        let base = Some(base).filter(|base| *base != BASE);
+        let rights = outlet::rights(settings);
+        Discovery::new(form, prefix, (base, &level(site)), is_zh, rights)
+    });
+    Topics::new(base, site, names(settings, "modules")).with(discovery)
+}
+
+/// How Home Assistant is told of the modules, if it is.
+fn form(settings: &Keys) -> Option<Form> {
+    match text(settings, "discovery") {
+        Some("device") => Some(Form::Device),
+        Some("component") => Some(Form::Component),
+        _ => None,
+    }
 }
 
 /// The kinds of events that are told; empty for all.
@@ -109,8 +130,10 @@ pub(super) fn events(settings: &Keys) -> BTreeSet<String> {
 /// What is wrong with its settings beyond their shapes.
 pub(super) fn check(name: &str, settings: &Keys, config: &Config) -> Vec<(&'static str, Invalid)> {
     let mut found = Vec::new();
-    if text(settings, "base").is_some_and(|base| !is_base(base)) {
-        found.push(("base", Invalid::BadTopic));
+    for key in ["base", "discovery_prefix"] {
+        if text(settings, key).is_some_and(|base| !is_base(base)) {
+            found.push((key, Invalid::BadTopic));
+        }
     }
     if text(settings, "site").is_some_and(|site| level(site) != site) {
         found.push(("site", Invalid::BadTopic));
@@ -199,6 +222,11 @@ mod tests {
         assert_eq!(found(json!({"base": "a/b", "site": "c"})), [""; 0]);
         assert_eq!(found(json!({"base": "a/#"})), ["base"]);
         assert_eq!(found(json!({"site": "a/b"})), ["site"]);
+        assert_eq!(found(json!({"discovery_prefix": "ha/2"})), [""; 0]);
+        assert_eq!(
+            found(json!({"discovery_prefix": "ha/"})),
+            ["discovery_prefix"]
+        );
         assert_eq!(found(json!({"cert": "/a.pem"})), ["cert"]);
         assert_eq!(found(json!({"key": "/a.pem"})), ["key"]);
         assert_eq!(found(json!({"cert": "/a", "key": "/b"})), [""; 0]);

@@ -1,5 +1,6 @@
 //! What the broker keeps: for each topic the newest that is to be said.
 
+use super::discovery::Described;
 use super::topics::{Facet, Topics};
 use railbus_app::api::convert;
 use railbus_host::Presence;
@@ -15,6 +16,9 @@ pub(super) const ONLINE: &str = "online";
 pub(super) const OFFLINE: &str = "offline";
 /// A value that is not known, or no longer.
 const NOT_KNOWN: &str = "None";
+/// Home Assistant is to let an entity go, and to keep what people have set for it: it comes back at
+/// another topic.
+const MOVES: &[u8] = b"{\"migrate_discovery\":true}";
 
 /// The newest payload of a topic.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -35,12 +39,21 @@ pub(super) struct Told {
     lines: BTreeMap<String, Value>,
     /// Whether each module answers.
     modules: BTreeMap<String, bool>,
+    /// What Home Assistant is told of them.
+    described: Described,
+    /// What is to be remembered is not what it was.
+    is_to_be_kept: bool,
+    /// Of the old topics those at which Home Assistant was told in the other form, and whether it
+    /// was told that they move.
+    moving: BTreeMap<String, bool>,
+    moves: Newest,
 }
 
 impl Told {
     /// Nothing is known yet. `old` are the topics that an earlier run had.
     pub(super) fn new(site: &str, topics: Topics, mut old: BTreeSet<String>) -> Told {
         old.remove(&topics.bridge_state());
+        let described = Described::new(&mut old);
         Told {
             site: site.to_owned(),
             topics,
@@ -48,12 +61,22 @@ impl Told {
             old,
             lines: BTreeMap::new(),
             modules: BTreeMap::new(),
+            described,
+            is_to_be_kept: false,
+            moving: BTreeMap::new(),
+            moves: Newest {
+                payload: MOVES.to_owned(),
+                is_sure: true,
+            },
         }
     }
 
     /// The payload of a topic.
     pub(super) fn newest(&self, topic: &str) -> Option<&Newest> {
-        self.wanted.get(topic)
+        let moves = self.moving.get(topic) == Some(&false);
+        moves
+            .then_some(&self.moves)
+            .or_else(|| self.wanted.get(topic))
     }
 
     /// Whether a topic is to be cleared.
@@ -63,7 +86,21 @@ impl Told {
 
     /// A topic was cleared. Whether all are now.
     pub(super) fn cleared(&mut self, topic: &str) -> bool {
+        self.moving.remove(topic);
         self.old.remove(topic) && self.old.is_empty()
+    }
+
+    /// A connection has begun: what was told on another one is told again.
+    pub(super) fn begin(&mut self) {
+        self.moving
+            .values_mut()
+            .for_each(|is_told| *is_told = false);
+    }
+
+    /// Home Assistant was told that a topic moves. Whether it was told so of all of them now.
+    pub(super) fn moves(&mut self, topic: &str) -> bool {
+        let is_new = self.moving.get_mut(topic).map(|is_told| *is_told = true);
+        is_new.is_some() && self.moving.values().all(|is_told| *is_told)
     }
 
     /// A topic is to be cleared.
@@ -75,6 +112,7 @@ impl Told {
     pub(super) fn clear(&mut self) -> Vec<String> {
         let all = std::mem::take(&mut self.wanted).into_keys();
         self.old.extend(all);
+        self.moving.clear();
         self.old.iter().cloned().collect()
     }
 
@@ -83,23 +121,52 @@ impl Told {
         self.old.iter().cloned().collect()
     }
 
-    /// Every topic that the broker may have something at.
+    /// Whether something is to be told in another form.
+    pub(super) fn is_moving(&self) -> bool {
+        !self.moving.is_empty()
+    }
+
+    /// Whether Home Assistant is told something else at one of these topics.
+    pub(super) fn describes(&self, changed: &[String]) -> bool {
+        changed.iter().any(|topic| self.topics.describes(topic))
+    }
+
+    /// Every topic that is one of Home Assistant's, after those from which they have moved: once it
+    /// knows the new ones, it warns of what still comes from the others.
+    pub(super) fn described(&self) -> Vec<String> {
+        let all = self.wanted.keys();
+        let its = all.filter(|topic| self.topics.describes(topic));
+        self.moving.keys().chain(its).cloned().collect()
+    }
+
+    /// Whether what is to be remembered may not be what it was when this was last called.
+    pub(super) fn is_to_be_kept(&mut self) -> bool {
+        std::mem::take(&mut self.is_to_be_kept)
+    }
+
+    /// Every topic that the broker may have something at, and what was told at it.
     pub(super) fn kept(&self) -> Vec<String> {
         let own = std::iter::once(self.topics.bridge_state());
         let all = own.chain(self.wanted.keys().cloned());
-        all.chain(self.old.iter().cloned()).collect()
+        let all = all.chain(self.old.iter().cloned());
+        all.chain(self.described.remembered()).collect()
     }
 
-    /// All topics in the order in which they are told: what there is, values, and then which
-    /// modules answer.
+    /// All topics in the order in which they are told: what there is, values, what Home Assistant
+    /// is told, and then which modules answer. While something moves, Home Assistant is told that,
+    /// and the rest later.
     pub(super) fn all(&self) -> Vec<String> {
         let info = self.topics.bridge_info();
         let is_module = |topic: &str| topic.ends_with("/availability");
-        let points = self.wanted.keys();
+        let is_described = |topic: &&String| self.topics.describes(topic);
+        let points = self.wanted.keys().filter(|topic| !is_described(topic));
         let points = points.filter(|topic| **topic != info && !is_module(topic));
+        let described = self.wanted.keys().filter(is_described);
+        let described = described.filter(|_| self.moving.is_empty());
+        let described = described.chain(self.moving.keys());
         let modules = self.wanted.keys().filter(|topic| is_module(topic));
-        let all = std::iter::once(&info).chain(points).chain(modules);
-        all.chain(self.old.iter()).cloned().collect()
+        let all = std::iter::once(&info).chain(points).chain(described);
+        all.chain(modules).chain(&self.old).cloned().collect()
     }
 
     /// How everything is. Gives back the topics that are to be told.
@@ -120,6 +187,12 @@ impl Told {
             true,
             &mut changed,
         );
+        let is_told = |topic: &str| before.contains_key(topic) || self.old.contains(topic);
+        let messages = self.described.picture(&self.topics, picture, is_told);
+        for (topic, payload) in messages {
+            self.put(topic, payload, true, &mut changed);
+        }
+        self.is_to_be_kept = true;
         changed.retain(|topic| before.get(topic) != self.wanted.get(topic));
         for topic in before.into_keys() {
             if !self.wanted.contains_key(&topic) {
@@ -129,6 +202,10 @@ impl Told {
         }
         let wanted = &self.wanted;
         self.old.retain(|topic| !wanted.contains_key(topic));
+        let before = std::mem::take(&mut self.moving);
+        let moving = self.described.moving(&self.topics, &self.old);
+        let moving = moving.map(|topic| (topic.clone(), before.get(topic) == Some(&true)));
+        self.moving = moving.collect();
         changed
     }
 
@@ -136,12 +213,36 @@ impl Told {
     pub(super) fn batch(&mut self, batch: &Batch) -> Vec<String> {
         let mut changed = Vec::new();
         self.lines(&batch.lines);
+        let mut described = BTreeSet::new();
         for reading in &batch.points {
             self.point(&reading.status, &mut changed);
+            if self.described.point(&reading.status) {
+                described.insert(&reading.status.module);
+            }
         }
         self.modules(&batch.modules, &mut changed);
         self.modules(&batch.figures, &mut changed);
+        for module in described {
+            self.describe(module, &mut changed);
+        }
         changed
+    }
+
+    /// Home Assistant is told of a module anew.
+    fn describe(&mut self, module: &str, changed: &mut Vec<String>) {
+        let (wanted, old) = (&self.wanted, &self.old);
+        let is_told = |topic: &str| wanted.contains_key(topic) || old.contains(topic);
+        let (messages, gone) = self.described.messages(&self.topics, module, is_told);
+        for topic in gone {
+            self.wanted.remove(&topic);
+            self.old.insert(topic.clone());
+            changed.push(topic);
+        }
+        for (topic, payload) in messages {
+            self.old.remove(&topic);
+            self.put(topic, payload, true, changed);
+        }
+        self.is_to_be_kept = true;
     }
 
     /// How it goes.

@@ -1,5 +1,6 @@
 //! The topics of an outlet, below `<base>/<site>/`.
 
+use super::discovery::Discovery;
 use super::orders::Target;
 use std::collections::BTreeSet;
 
@@ -26,13 +27,41 @@ pub(super) struct Topics {
     prefix: String,
     /// The modules that it is about; empty for all.
     modules: BTreeSet<String>,
+    /// How Home Assistant is told of them, if it is.
+    discovery: Option<Discovery>,
 }
 
 impl Topics {
     /// Below these, about these modules, or about all if there are none.
     pub(super) fn new(base: &str, site: &str, modules: BTreeSet<String>) -> Topics {
         let prefix = format!("{base}/{}", level(site));
-        Topics { prefix, modules }
+        Topics {
+            prefix,
+            modules,
+            discovery: None,
+        }
+    }
+
+    /// The same, and Home Assistant is told of them, if so.
+    pub(super) fn with(self, discovery: Option<Discovery>) -> Topics {
+        Topics { discovery, ..self }
+    }
+
+    /// How Home Assistant is told of them, if it is.
+    pub(super) const fn discovery(&self) -> Option<&Discovery> {
+        self.discovery.as_ref()
+    }
+
+    /// Whether Home Assistant is told of a module at a topic.
+    pub(super) fn describes(&self, topic: &str) -> bool {
+        let discovery = self.discovery.as_ref();
+        discovery.is_some_and(|discovery| discovery.has(topic))
+    }
+
+    /// Whether Home Assistant says at a topic that it is there.
+    pub(super) fn is_status(&self, topic: &str) -> bool {
+        let discovery = self.discovery.as_ref();
+        discovery.is_some_and(|discovery| discovery.status() == topic)
     }
 
     /// Whether a module is told. One that is called as a first level of another meaning is not.
@@ -80,13 +109,20 @@ impl Topics {
         self.of(&format!("{module}/{label}/{facet}"))
     }
 
+    /// Where an output is commanded.
+    pub(super) fn set(&self, module: &str, label: &str) -> String {
+        self.of(&format!("{module}/{label}/set"))
+    }
+
     fn of(&self, rest: &str) -> String {
         format!("{}/{rest}", self.prefix)
     }
 
-    /// Where commands come from.
-    pub(super) fn commands(&self) -> [String; 2] {
-        [self.of("+/+/set"), self.of("scene/+/run")]
+    /// Where commands come from, and that Home Assistant is there.
+    pub(super) fn commands(&self) -> Vec<String> {
+        let own = [self.of("+/+/set"), self.of("scene/+/run")];
+        let status = self.discovery.as_ref().map(Discovery::status);
+        own.into_iter().chain(status).collect()
     }
 
     /// What a command at this topic is for.
@@ -123,7 +159,8 @@ impl Topics {
     /// Whether the outlet speaks at this topic in its own name.
     pub(super) fn is_own(&self, topic: &str) -> bool {
         let own = topic.strip_prefix(&self.prefix);
-        own.is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
+        let is_own = own.is_some_and(|rest| rest.is_empty() || rest.starts_with('/'));
+        is_own || self.describes(topic)
     }
 
     /// Whether a topic has a value, or whether a module answers: who reads an old one acts on

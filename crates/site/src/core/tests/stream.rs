@@ -2,9 +2,11 @@
 
 use super::super::*;
 use super::world::{World, at, k, ms};
+use crate::PointStatus;
 use crate::{BadReason, PointQuality, PointValue};
-use railbus_device::{Bank, Observation};
+use railbus_device::{Bank, Observation, PointKind};
 use railbus_host::{Event, LineState, PortError, Presence};
+use railbus_wire::PulseWidth;
 use std::time::Duration;
 
 const TEXT: &str = "[line.main]\nport = \"/dev/ttyS9\"\n\
@@ -372,6 +374,42 @@ fn the_stream_tells_of_quality_ends_modules_and_lines() {
         told.iter().map(|batch| batch.modules.len()).sum::<usize>(),
         1
     );
+}
+
+/// A module that stores which outputs give pulses is asked; others give none of their own.
+#[test]
+fn it_is_told_when_it_is_known_which_outputs_give_pulses() {
+    let text = TEXT.replace("erc8", "eda9060a");
+    for (text, mask, is_asked) in [(&*text, 0, true), (&*text, 1, true), (TEXT, 0, false)] {
+        let mut world = World::new(text, 1);
+        world.polls = false;
+        let picture = follow(&mut world);
+        let outputs = |points: &[PointStatus]| {
+            let outputs = points.iter().filter(|p| p.point.kind == PointKind::Output);
+            let known = outputs.map(|output| (output.is_pulse_known, output.pulse.is_some()));
+            known.collect::<Vec<_>>()
+        };
+        let before = outputs(&picture.points);
+        assert!(before.iter().all(|known| *known == (!is_asked, false)));
+        if is_asked {
+            world.pass(ms(100));
+            batches(&mut world);
+            let width = PulseWidth::from_tenths(5).unwrap();
+            world.saw(OVEN, &Op::ReadPulse, Observation::Pulse { mask, width });
+            world.pass(ms(100));
+            let told = batches(&mut world);
+            let told = told.iter().flat_map(|batch| &batch.points);
+            let told: Vec<_> = told.map(|reading| reading.status.clone()).collect();
+            assert!(
+                told.iter()
+                    .all(|point| point.point.kind == PointKind::Output)
+            );
+            let told = outputs(&told);
+            assert_eq!(told.len(), before.len(), "each of them once");
+            assert_eq!(told[0], (true, mask == 1));
+            assert!(told[1..].iter().all(|known| *known == (true, false)));
+        }
+    }
 }
 
 #[test]

@@ -9,6 +9,7 @@ use railbus_site::Within;
 use railbus_wire::Micros;
 use serde_json::{Map, Value};
 use sha2::{Digest as _, Sha256};
+use std::time::Duration;
 
 /// How many commands are under way before more are refused.
 pub(super) const COMMANDS_MAX: usize = 64;
@@ -18,7 +19,11 @@ const PACKETS_MAX: usize = 256;
 const WITHIN_MS: u64 = 5_000;
 
 impl Node {
-    pub(super) fn received(&mut self, message: Received) {
+    pub(super) fn received(&mut self, now: Duration, message: Received) {
+        if self.topics.is_status(&message.topic) {
+            self.told_status(now, &message.payload);
+            return;
+        }
         let Some(target) = self.topics.target(&message.topic) else {
             return;
         };
