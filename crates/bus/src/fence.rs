@@ -9,9 +9,9 @@
 use crate::ghost::{Ghost, names};
 use crate::in_flight::{InFlight, Job, Probe};
 use crate::module_state::{HELD_BACK_MAX, LATE_MIN, ModuleState};
-use crate::{Bus, ModuleId, Presence};
+use crate::{Bus, Event, ModuleId, Presence, Probed};
 use railbus_device::Op;
-use railbus_wire::{Exchange, Instant, Reply, Response, ascii};
+use railbus_wire::{Exchange, Instant, Micros, Reply, Response, ascii};
 
 impl Bus {
     /// What to ask so that this exchange need not wait until all ghosts time out; otherwise when to
@@ -153,6 +153,21 @@ impl Bus {
         };
         let found = self.modules.iter().position(is_it);
         found.filter(|_| probe.as_module).map(ModuleId)
+    }
+
+    /// Ends a probe that would have to wait for the reply of a module that does not answer: for
+    /// seconds, and all that come after it, too. The line asks such a module by itself.
+    #[cold]
+    pub(crate) fn end_held_probe(&mut self) {
+        let Some(probe) = self.probe else {
+            return;
+        };
+        let is_silent = self.addressee(&probe).is_some_and(|id| self.is_silent(id));
+        if is_silent && self.ghosts.blocked_until(&probe.exchange).is_some() {
+            self.probe = None;
+            let (outcome, after) = (Probed::Silent, Micros::ZERO);
+            self.events.push(Event::Probed { outcome, after });
+        }
     }
 
     /// The request becomes a ghost: its reply may still come.

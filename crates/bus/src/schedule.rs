@@ -169,21 +169,6 @@ impl Bus {
         }
     }
 
-    /// Ends a probe that would have to wait for the reply of a module that does not answer: for
-    /// seconds, and all that come after it, too. The line asks such a module by itself.
-    #[cold]
-    fn end_held_probe(&mut self) {
-        let Some(probe) = self.probe else {
-            return;
-        };
-        let is_silent = self.addressee(&probe).is_some_and(|id| self.is_silent(id));
-        if is_silent && self.ghosts.blocked_until(&probe.exchange).is_some() {
-            self.probe = None;
-            let (outcome, after) = (Probed::Silent, Micros::ZERO);
-            self.events.push(Event::Probed { outcome, after });
-        }
-    }
-
     /// Ends what must not be sent on this line.
     fn refuse(&mut self, job: Job) {
         let fault = Fault::Unsupported;
