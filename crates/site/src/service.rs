@@ -282,7 +282,7 @@ impl Service {
         };
         if !self.inner.read(known).ok_or(CommandError::NoSuchLine)? {
             let line = line.to_owned();
-            self.ask(|core| async move { core.opened(&line).await })
+            self.ask_while(|core| async move { core.opened(&line).await })
                 .await;
         }
         Ok(())

@@ -119,7 +119,7 @@ pub struct Outbox {
 /// Why an outbox does not do what it should.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct OutboxError {
-    /// The file is broken; opened again, it is put aside.
+    /// The file is broken, and is to be put aside: [`Outbox::put_aside`].
     pub is_broken: bool,
     /// What the database says.
     pub reason: String,
@@ -151,8 +151,7 @@ impl Outbox {
     pub fn open(file: &Path) -> Result<Outbox, OutboxError> {
         let opened = match Outbox::try_open(file) {
             Err(why) if database::trouble(&why) == DbFault::Broken => {
-                let now = crate::history::millis(SystemTime::now());
-                database::put_aside(file, now).map_err(|error| OutboxError {
+                Outbox::put_aside(file).map_err(|error| OutboxError {
                     is_broken: true,
                     reason: format!("{why}: {error}"),
                 })?;
@@ -191,6 +190,16 @@ impl Outbox {
             epoch,
             paths: HashMap::new(),
         })
+    }
+
+    /// Puts aside the file of an outbox that is broken and not open. Not all of it is looked at
+    /// when it is opened: one with a broken page would be met again and again.
+    ///
+    /// # Errors
+    /// The system's error.
+    pub fn put_aside(file: &Path) -> std::io::Result<()> {
+        let now = crate::history::millis(SystemTime::now());
+        database::put_aside(file, now).map(drop)
     }
 
     /// Removes the file of an outbox that is not open. What can't be removed stays.
@@ -349,15 +358,19 @@ impl Outbox {
     }
 
     /// Drops the oldest of what is too old or too much, undelivered: [`Piece::missing`] tells that.
+    /// The newest entry stays, as there would be nothing to tell it with.
     /// How many were dropped, and whether there is more to drop.
     ///
     /// # Errors
     /// [`OutboxError`].
     pub fn prune(&mut self, keep: OutboxKeep, now: i64) -> Result<(u64, bool), OutboxError> {
         let cutoff = now.saturating_sub(keep.age_ms);
-        // In the order of the numbers, whatever the clock did.
+        // Only those before the first one that is not too old: what a wrong clock has written does
+        // not count for others.
         let old: i64 = self.db.query_row(
-            "SELECT count(*) FROM (SELECT at FROM entries ORDER BY seq LIMIT ?1) WHERE at < ?2",
+            "WITH oldest AS (SELECT seq, at FROM entries ORDER BY seq LIMIT ?1)
+             SELECT count(*) FROM oldest
+             WHERE seq < coalesce((SELECT min(seq) FROM oldest WHERE at >= ?2), seq + 1)",
             [ROWS_MAX, cutoff],
             |row| row.get(0),
         )?;
@@ -372,7 +385,8 @@ impl Outbox {
         }
         let step = self.db.transaction()?;
         let dropped = step.execute(
-            "DELETE FROM entries WHERE seq IN (SELECT seq FROM entries ORDER BY seq LIMIT ?1)",
+            "DELETE FROM entries WHERE seq IN (SELECT seq FROM entries ORDER BY seq LIMIT ?1)
+             AND seq < (SELECT max(seq) FROM entries)",
             [drop],
         )?;
         step.commit()?;

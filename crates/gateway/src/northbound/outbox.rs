@@ -125,7 +125,8 @@ impl OutboxHandle {
         after: u64,
         count: usize,
     ) -> impl Future<Output = Option<(Arc<str>, Piece)>> + Send + use<> {
-        let reads = self.reads.clone();
+        // One that nobody waits for does not keep the thread from ending.
+        let reads = self.reads.downgrade();
         async move {
             let (reply, piece) = oneshot::channel();
             let order = ReadOrder {
@@ -133,7 +134,7 @@ impl OutboxHandle {
                 count,
                 reply,
             };
-            reads.send(order).await.ok()?;
+            reads.upgrade()?.send(order).await.ok()?;
             piece.await.ok().flatten()
         }
     }
@@ -181,7 +182,7 @@ impl Keeper {
         let (mut write_at, mut delete_at) = (None, None);
         let mut tidy_at = Instant::now();
         loop {
-            if self.recording.is_waiting() {
+            if self.recording.is_waiting() || self.outbox.is_none() {
                 let wait = if self.failures > 0 { AGAIN } else { FLUSH };
                 write_at.get_or_insert_with(|| Instant::now() + wait);
             }
@@ -274,11 +275,19 @@ impl Keeper {
         Ok(())
     }
 
-    fn read(&self, order: ReadOrder) {
-        let piece = self.outbox.as_ref().and_then(|outbox| {
-            let piece = outbox.read(order.after, order.count).ok()??;
-            Some((Arc::from(outbox.epoch()), piece))
+    fn read(&mut self, order: ReadOrder) {
+        let read = self.outbox.as_ref().map(|outbox| {
+            let piece = outbox.read(order.after, order.count)?;
+            Ok(piece.map(|piece| (Arc::from(outbox.epoch()), piece)))
         });
+        let piece = match read.transpose() {
+            Ok(piece) => piece.flatten(),
+            Err(why) => {
+                // A broken page may stand before everything that is still to be read.
+                self.ended(Err(why));
+                None
+            }
+        };
         // Fails where the outlet waits no longer.
         let _ = order.reply.send(piece);
     }
@@ -345,8 +354,10 @@ impl Keeper {
             Err(why) => {
                 self.failures = self.failures.saturating_add(1);
                 if why.is_broken {
-                    // The next write puts it aside, and begins another one.
+                    // The next write begins another one.
                     self.outbox = None;
+                    // Tried again with the next failure.
+                    let _ = Outbox::put_aside(&self.file);
                 }
                 let problem = Problem::new(codes::OUTBOX_FAILS);
                 let problem = problem

@@ -231,3 +231,67 @@ fn what_fails_leaves_nothing_half_done() {
     let paths: Vec<String> = piece.entries.iter().map(path).collect();
     assert_eq!(paths, ["oven.k1", "oven.k2", "oven.k0"]);
 }
+
+/// The page with the newest entry is overwritten.
+fn break_last_leaf(file: &Path) {
+    let db = Connection::open(file).unwrap();
+    db.query_row("PRAGMA wal_checkpoint(TRUNCATE)", [], |_| Ok(()))
+        .unwrap();
+    drop(db);
+    let mut bytes = std::fs::read(file).unwrap();
+    let pages = bytes.len() / 4096;
+    // A leaf of a table begins with 13; that of `entries` that was filled last.
+    let last = (1..pages)
+        .rev()
+        .find(|page| bytes[page * 4096] == 13)
+        .unwrap();
+    bytes[last * 4096..][..4096].fill(0xFF);
+    std::fs::write(file, bytes).unwrap();
+}
+
+#[test]
+fn a_page_that_is_broken_is_not_met_again_and_again() {
+    let place = Place::new();
+    let mut outbox = place.open();
+    outbox.append(&readings(1, 5_000)).unwrap();
+    let epoch = outbox.epoch().to_owned();
+    drop(outbox);
+    break_last_leaf(&place.file());
+    let mut outbox = place.open();
+    let failed = outbox.append(&readings(6_000, 1)).unwrap_err();
+    assert!(failed.is_broken, "{failed:?}");
+    drop(outbox);
+    Outbox::put_aside(&place.file()).unwrap();
+    let mut outbox = place.open();
+    assert_eq!(outbox.append(&readings(6_000, 1)), Ok(1));
+    assert_ne!(outbox.epoch(), epoch);
+}
+
+#[test]
+fn what_was_dropped_is_told_although_nothing_came_after_it() {
+    let place = Place::new();
+    let mut outbox = place.open();
+    outbox.append(&readings(1_000, 10)).unwrap();
+    let keep = OutboxKeep {
+        age_ms: 500,
+        bytes: u64::MAX,
+    };
+    assert_eq!(outbox.prune(keep, 1_000_000), Ok((9, false)));
+    assert_eq!(outbox.prune(keep, 1_000_000), Ok((0, false)));
+    let piece = outbox.read(0, 20).unwrap().unwrap();
+    assert_eq!((numbers(&piece), piece.missing.unwrap().count), (10..11, 9));
+}
+
+#[test]
+fn entries_of_a_clock_that_was_wrong_drop_no_good_ones() {
+    let place = Place::new();
+    let mut outbox = place.open();
+    outbox.append(&readings(1_000_000, 100)).unwrap();
+    // A start without a clock.
+    outbox.append(&readings(0, 10)).unwrap();
+    let keep = OutboxKeep {
+        age_ms: 500,
+        bytes: u64::MAX,
+    };
+    assert_eq!(outbox.prune(keep, 1_000_200), Ok((0, false)));
+}

@@ -191,8 +191,12 @@ impl Driver {
     }
 
     /// The outbox is closed, and removed with its outlet.
-    async fn end(self) {
-        if let Some(outbox) = self.outbox {
+    async fn end(mut self) {
+        if self.is_taken_over() {
+            // Nor does the next outlet of this name take anything away.
+            self.kept.forget();
+        }
+        if let Some(outbox) = self.outbox.take() {
             outbox.end(CLOSE_MAX).await;
         }
         if is_gone(&self.outlet) {
@@ -419,16 +423,7 @@ impl Driver {
                     };
                 }
                 () = &mut stopped, if ends_by.is_none() => {
-                    let end = Instant::now() + LINGER;
-                    if self.is_taken_over() {
-                        // What is at these topics is the other's now, and so is `bridge/state`.
-                        self.kept.forget();
-                        drop(heard);
-                        sender.disconnect();
-                        let _ = tokio::time::timeout_at(end, pump).await;
-                        return Ended::Stopped;
-                    }
-                    ends_by = Some(end);
+                    ends_by = Some(Instant::now() + LINGER);
                     self.stop();
                 }
                 is_there = self.follow(), if ends_by.is_none() => if !is_there {
@@ -462,7 +457,9 @@ impl Driver {
 
     /// It is to end, maybe for good.
     fn stop(&mut self) {
-        self.is_gone = is_gone(&self.outlet);
+        // What is at these topics is the other's if there is one. That one may not reach the
+        // broker, so `bridge/state` does not stay as if it had.
+        self.is_gone = is_gone(&self.outlet) && !self.is_taken_over();
         let stop = Input::Stop {
             is_gone: self.is_gone,
         };

@@ -8,7 +8,6 @@ use railbus_api::types::SCHEMA;
 use railbus_store::outbox::{EntryKind, OutboxEntry, Piece};
 use railbus_words::time::rfc3339;
 use serde_json::{Map, Value, json};
-use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -16,8 +15,6 @@ use std::time::Duration;
 pub(super) const READ_MAX: usize = 256;
 /// The longest message: one that takes 10 s on a slow line would end the connection.
 const LEN_MAX: usize = 16 << 10;
-/// How many messages are with the broker at a time.
-const UNDER_WAY_MAX: usize = 4;
 /// When it is tried again what the broker refused, or nobody received, or could not be read.
 const AGAIN: Duration = Duration::from_secs(10);
 
@@ -50,14 +47,13 @@ pub(super) struct Replay {
     /// The round in which a read began whose end is not known yet.
     reading: Option<u64>,
     ready: Option<Packed>,
-    /// The last entries of what is with the broker, and whether it has them.
-    under_way: BTreeMap<u64, bool>,
+    /// The last entry of what is with the broker. One message at a time: if the broker, or nobody,
+    /// took it, a receiver that got the next one would take its readings for those it has.
+    under_way: Option<u64>,
     /// Another one begins where what is not delivered has to be read and sent again.
     round: u64,
     /// When it goes on.
     again: Option<Duration>,
-    /// Somebody received what was sent in this round.
-    is_received: bool,
 }
 
 impl Replay {
@@ -102,13 +98,11 @@ impl Replay {
 
     /// What is to be published next.
     pub(super) fn next(&mut self) -> Option<(Message, PieceId)> {
-        // Until it is known that somebody receives it, one is enough.
-        let most = if self.is_received { UNDER_WAY_MAX } else { 1 };
-        if self.under_way.len() >= most {
+        if self.under_way.is_some() {
             return None;
         }
         let Packed { last, message, .. } = self.ready.take()?;
-        self.under_way.insert(last, false);
+        self.under_way = Some(last);
         let round = self.round;
         Some((message, PieceId { round, last }))
     }
@@ -128,16 +122,8 @@ impl Replay {
             self.begin_round(Some(now + AGAIN));
             return None;
         }
-        self.is_received = true;
-        if let Some(is_taken) = self.under_way.get_mut(&id.last) {
-            *is_taken = true;
-        }
-        let before = self.delivered;
-        while let Some(first) = self.under_way.first_entry().filter(|first| *first.get()) {
-            self.delivered = first.remove_entry().0;
-        }
-        let is_further = self.delivered > before;
-        is_further.then(|| (Arc::clone(&self.epoch), self.delivered))
+        self.delivered = self.under_way.take_if(|last| *last == id.last)?;
+        Some((Arc::clone(&self.epoch), self.delivered))
     }
 
     /// The connection is lost. What is not delivered is sent again on the next one.
@@ -148,8 +134,7 @@ impl Replay {
     fn begin_round(&mut self, at: Option<Duration>) {
         self.round += 1;
         self.read = self.delivered;
-        (self.ready, self.again, self.is_received) = (None, at, false);
-        self.under_way.clear();
+        (self.ready, self.again, self.under_way) = (None, at, None);
     }
 
     /// When it goes on by itself.

@@ -4,7 +4,7 @@ use railbus_app::api::convert;
 use railbus_site::{Batch, Picture, PointQuality, PointStatus};
 use railbus_store::history::millis;
 use railbus_store::outbox::{EntryKind, OutboxEntry};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::SystemTime;
 
 /// With so many entries it is written at once.
@@ -85,12 +85,11 @@ impl Recording {
         if missed > 0 {
             self.anew(GapReason::Overrun);
         }
-        let mut before: Vec<String> = self.now.keys().cloned().collect();
+        let mut before: BTreeSet<String> = self.now.keys().cloned().collect();
         for status in &picture.points {
             self.point(status, picture.at);
+            before.remove(&path_of(status));
         }
-        let there = |path: &String| picture.points.iter().any(|status| path_of(status) == *path);
-        before.retain(|path| !there(path));
         for path in before {
             self.now.remove(&path);
             self.push(OutboxEntry {
@@ -153,7 +152,8 @@ impl Recording {
                 self.waiting.push(OutboxEntry {
                     at: now,
                     what: EntryKind::Gap {
-                        from: self.written,
+                        // The clock may have been ahead then.
+                        from: self.written.map(|from| from.min(now)),
                         reason: why.name().to_owned(),
                     },
                 });

@@ -124,3 +124,55 @@ async fn a_disk_that_fails_is_tried_again() {
     assert_eq!(stored(&mut outbox, 8).await.newest, 8);
     outbox.end(PATIENCE).await;
 }
+
+#[tokio::test]
+async fn it_ends_although_a_read_was_begun() {
+    let folder = Folder::new();
+    let site = Service::start(Config::parse(OVEN).unwrap()).unwrap();
+    let (mut outbox, _) = folder.start(&site);
+    stored(&mut outbox, 8).await;
+    let read = outbox.read(0, 5);
+    let begun = std::time::Instant::now();
+    outbox.end(Duration::from_secs(10)).await;
+    assert!(begun.elapsed() < Duration::from_secs(10));
+    assert_eq!(read.await, None);
+}
+
+#[tokio::test]
+async fn a_page_that_cannot_be_read_does_not_stop_it_for_good() {
+    let folder = Folder::new();
+    let site = Service::start(Config::parse(OVEN).unwrap()).unwrap();
+    let (mut outbox, _) = folder.start(&site);
+    let state = stored(&mut outbox, 8).await;
+    outbox.end(PATIENCE).await;
+    let file = folder.0.join("plant.outbox.db");
+    let mut kept = Outbox::open(&file).unwrap();
+    let first = kept.read(0, 1).unwrap().unwrap().entries;
+    kept.append(&vec![first[0].clone(); 5_000]).unwrap();
+    kept.tidy().unwrap();
+    drop(kept);
+    let mut bytes = std::fs::read(&file).unwrap();
+    let leaves = (1..bytes.len() / 4096).filter(|page| bytes[page * 4096] == 13);
+    let leaf = leaves.collect::<Vec<_>>()[10];
+    bytes[leaf * 4096..][..4096].fill(0xFF);
+    std::fs::write(&file, bytes).unwrap();
+    let (mut outbox, _) = folder.start(&site);
+    let mut now = stored(&mut outbox, 5_000).await;
+    let mut after = 0;
+    let mut nones = 0;
+    while nones < 20 {
+        match outbox.read(after, 256).await {
+            Some((_, piece)) => after = piece.first + piece.entries.len() as u64 - 1,
+            None if after >= now.newest => break,
+            None => {
+                nones += 1;
+                if let Ok(changed) = tokio::time::timeout(FLUSH, outbox.changed()).await {
+                    (now, after) = (changed, 0);
+                }
+            }
+        }
+    }
+    assert!(nones < 20, "stands still at {after} of {}", now.newest);
+    assert_ne!(now.epoch, state.epoch);
+    outbox.end(PATIENCE).await;
+}

@@ -135,7 +135,7 @@ fn nothing_is_lost_and_nothing_comes_before_what_was_earlier() {
                 _ => {
                     if let Some((message, id)) = replay.next() {
                         at_broker.push(id);
-                        assert!(at_broker.len() <= UNDER_WAY_MAX);
+                        assert_eq!(at_broker.len(), 1);
                         // The broker refuses some of it later: then it did not deliver it. A
                         // receiver that has it all the same knows it by its number.
                         let (first, readings) = readings(&message);
@@ -274,4 +274,42 @@ fn a_message_is_as_long_as_the_broker_takes_and_tells_what_is_missing() {
         pack(("plant", String::new()), (Arc::from("A"), &empty), None),
         None
     );
+}
+
+/// It comes while four messages are with the broker: what was sent before it came is gone.
+#[test]
+fn a_receiver_that_comes_in_between_gets_nothing_before_what_was_earlier() {
+    let disk = Disk {
+        newest: 2_000,
+        deleted: 0,
+    };
+    let mut replay = Replay::default();
+    replay.stored(&disk.state());
+    let mut at_broker = Vec::new();
+    let mut newest_received = None;
+    for turn in 0..30_u64 {
+        let now = Duration::from_secs(turn);
+        while let Some(after) = replay.next_read(now) {
+            replay.read(now, disk.read(after, None));
+            at_broker.extend(replay.next());
+        }
+        at_broker.extend(replay.next());
+        if at_broker.is_empty() {
+            continue;
+        }
+        let (message, id) = at_broker.remove(0);
+        // It is away for one message.
+        let verdict = match turn {
+            3 => Verdict::NoReceiver,
+            _ => Verdict::Taken,
+        };
+        if verdict == Verdict::Taken {
+            let (first, readings) = readings(&message);
+            let newest = newest_received.unwrap_or(0);
+            assert!(first <= newest + 1, "turn {turn}: {first} after {newest}");
+            newest_received = Some(newest.max(first + readings.len() as u64 - 1));
+        }
+        replay.taken(now, id, verdict);
+    }
+    assert!(newest_received.unwrap() > 500);
 }

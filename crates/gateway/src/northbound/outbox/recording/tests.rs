@@ -194,3 +194,10 @@ async fn modules_that_are_not_told_are_not_written() {
     recording.picture(&picture, 0);
     assert_eq!(write(&mut recording, 1), [""; 0]);
 }
+
+#[tokio::test]
+async fn a_gap_does_not_end_before_it_began() {
+    let mut recording = recording();
+    recording.opened(Some(500_000));
+    assert_eq!(write(&mut recording, 200), ["200 gap stopped Some(200)"]);
+}
