@@ -29,6 +29,9 @@ const TIDY: Duration = Duration::from_secs(60);
 const TIDY_MORE: Duration = Duration::from_secs(2);
 /// The most that an outbox takes on the disk.
 const BYTES_MAX: u64 = 512 << 20;
+/// A change that is not here after this time has been missed, which is told: longer than the stream
+/// of the site keeps any.
+const ON_ITS_WAY_MAX: Duration = Duration::from_secs(15);
 /// After the disk failed, so long until the next try.
 const AGAIN: Duration = Duration::from_secs(5);
 /// A day, in milliseconds.
@@ -226,7 +229,7 @@ impl Keeper {
         self.write();
         let delivered = to_delete.borrow().clone();
         self.delete(&delivered);
-        self.mark();
+        self.mark(Duration::ZERO);
     }
 
     fn take(&mut self, news: &News, missed: u64) {
@@ -306,7 +309,7 @@ impl Keeper {
     /// Writes down that all is known until now, and drops what is too old or too much. Whether
     /// there is more to drop.
     fn tidy(&mut self) -> bool {
-        self.mark();
+        self.mark(ON_ITS_WAY_MAX);
         let Some(outbox) = &mut self.outbox else {
             return false;
         };
@@ -331,13 +334,14 @@ impl Keeper {
         is_more
     }
 
-    /// Writes down that every change until now is on the disk.
-    fn mark(&mut self) {
+    /// Writes down that every change until so long ago is on the disk.
+    fn mark(&mut self, ago: Duration) {
         if self.recording.is_waiting() {
             return;
         }
         if let Some(outbox) = &mut self.outbox {
-            let end = outbox.known(millis(SystemTime::now()));
+            let at = SystemTime::now().checked_sub(ago);
+            let end = at.map_or(Ok(()), |at| outbox.known(millis(at)));
             self.ended(end.map(|()| false));
         }
     }
