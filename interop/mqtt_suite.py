@@ -353,6 +353,19 @@ def renamed(s):
         told = {topic: s.watcher.all(f"railbus/plant/{topic}", since) for topic in topics}
         gone = [topic for topic, payloads in told.items() if "" in payloads]
         s.check(entry, gone, [], f"{name}, cleared:")
+    # What the other one does not tell is cleared, not left as if it were so.
+    entry = "a renamed outlet with fewer modules leaves nothing"
+    since = s.watcher.count()
+    fewer = text.replace("[outlet.scada]", "[outlet.fewer]") + 'modules = ["oven"]\n'
+    s.daemon.config.write_text(fewer, encoding="utf-8")
+    s.daemon.process.send_signal(signal.SIGHUP)
+    for topic in ("hall/availability", "hall/di1/state", "tank/ai1/attr"):
+        s.told(entry, topic, "", "not told any more")
+    until(lambda: s.newest("bridge/state") == "online")
+    s.check(entry, "" in s.watcher.all("railbus/plant/oven/k1/state", since), False, "oven")
+    s.daemon.config.write_text(text, encoding="utf-8")
+    s.daemon.process.send_signal(signal.SIGHUP)
+    s.told(entry, "hall/availability", "online", "all modules again")
 
 
 def killed(s):

@@ -552,6 +552,7 @@ a broker with an empty store
 a frozen broker: the newest value afterwards
 a removed outlet leaves nothing
 a renamed outlet keeps its values
+a renamed outlet with fewer modules leaves nothing
 {device,component}: every point is an entity
 {device,component}: commands as they were told
 {device,component}: told again when Home Assistant is back

@@ -24,6 +24,9 @@ use tokio::sync::watch;
 
 /// The key of the settings with the outputs that an outlet may switch. Without it, it only reads.
 const WRITE: &str = "write";
+/// How the names of an outlet's files end.
+const KEPT: &str = ".json";
+const OUTBOX: &str = ".outbox.db";
 
 /// What a running outlet has. There is nothing else of the daemon that it can reach.
 pub(crate) struct Outlet {
@@ -113,14 +116,25 @@ impl Outlet {
 
     /// A file of its own in the state folder.
     pub(crate) fn kept(&self) -> PathBuf {
-        let name = format!("{}-{}.json", self.kind.name, self.name);
+        let name = format!("{}-{}{KEPT}", self.kind.name, self.name);
         self.folder.join(name)
     }
 
     /// The file of its outbox.
     pub(crate) fn outbox_file(&self) -> PathBuf {
-        let name = format!("{}-{}.outbox.db", self.kind.name, self.name);
+        let name = format!("{}-{}{OUTBOX}", self.kind.name, self.name);
         self.folder.join(name)
+    }
+
+    /// Files like [`Outlet::kept`] and [`Outlet::outbox_file`] of outlets of this kind that the
+    /// configuration does not have: of earlier names, or removed while the daemon did not run.
+    pub(crate) fn left_behind(&self) -> (Vec<PathBuf>, Vec<PathBuf>) {
+        let config = self.service.config();
+        let is_there = |name: &str| {
+            let outlet = config.outlets.get(name);
+            outlet.is_some_and(|outlet| outlet.kind == self.kind.name)
+        };
+        left_in(&self.folder, self.kind.name, is_there)
     }
 
     /// Resolves when it must end. It then has [`super::supervisor::STOP_MAX`].
@@ -131,6 +145,31 @@ impl Outlet {
             let _ = stop.wait_for(|stop| *stop).await;
         }
     }
+}
+
+/// The files of outlets of a kind that are not there: those with JSON, and outboxes.
+fn left_in(
+    folder: &Path,
+    kind: &str,
+    is_there: impl Fn(&str) -> bool,
+) -> (Vec<PathBuf>, Vec<PathBuf>) {
+    let (mut kept, mut outboxes) = (Vec::new(), Vec::new());
+    // A folder that can't be read has nothing that could be used.
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        let file = entry.file_name();
+        let rest = file.to_str().and_then(|file| file.strip_prefix(kind));
+        let Some(rest) = rest.and_then(|rest| rest.strip_prefix('-')) else {
+            continue;
+        };
+        for (end, found) in [(KEPT, &mut kept), (OUTBOX, &mut outboxes)] {
+            // Names have no dots.
+            let name = rest.strip_suffix(end).filter(|name| !name.contains('.'));
+            if name.is_some_and(|name| !is_there(name)) {
+                found.push(entry.path());
+            }
+        }
+    }
+    (kept, outboxes)
 }
 
 /// For whom an outlet acts.
@@ -250,4 +289,35 @@ pub(super) fn on_this_thread<T>(what: impl FnOnce() -> Work<T>) -> Result<T, Str
         let text = text.or_else(|| panic.downcast_ref::<String>().cloned());
         format!("panic: {}", text.unwrap_or_default())
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_outlets_of_earlier_names_have_left_is_found() {
+        let folder = std::env::temp_dir().join(format!("railbus-left-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        for file in [
+            "mqtt-now.json",
+            "mqtt-now.outbox.db",
+            "mqtt-old.json",
+            "mqtt-old.outbox.db",
+            "mqtt-old.outbox.db-wal",
+            "mqtt-old.outbox.broken-7.db",
+            "mqtts-old.json",
+            "audit-1.json",
+            "mqtt-gone.outbox.db",
+        ] {
+            std::fs::write(folder.join(file), "").unwrap();
+        }
+        let (kept, mut outboxes) = left_in(&folder, "mqtt", |name| name == "now");
+        outboxes.sort();
+        assert_eq!(kept, [folder.join("mqtt-old.json")]);
+        let both = ["mqtt-gone.outbox.db", "mqtt-old.outbox.db"];
+        assert_eq!(outboxes, both.map(|file| folder.join(file)));
+        std::fs::remove_dir_all(&folder).unwrap();
+        assert_eq!(left_in(&folder, "mqtt", |_| false), (vec![], vec![]));
+    }
 }

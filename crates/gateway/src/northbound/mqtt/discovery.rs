@@ -15,7 +15,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 /// Between a topic and an entity of it, where they are remembered. No topic has it.
-const MARK: char = '#';
+pub(super) const MARK: char = '#';
 /// How long Home Assistant waits at most, after it has come back, until it is told all again.
 const SPREAD_MS: u64 = 5_000;
 /// The kinds of entities.

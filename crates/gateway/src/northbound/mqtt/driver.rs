@@ -80,7 +80,7 @@ struct Driver {
 
 /// Publishes until it is to stop.
 pub(super) async fn run(outlet: Outlet, events: Events) -> Result<(), Problem> {
-    let kept = Kept::open(outlet.kept());
+    let mut kept = Kept::open(outlet.kept());
     let (topics, kinds) = {
         let keys = outlet.settings.borrow();
         (
@@ -88,6 +88,17 @@ pub(super) async fn run(outlet: Outlet, events: Events) -> Result<(), Problem> {
             settings::events(&keys),
         )
     };
+    let (left, outboxes) = outlet.left_behind();
+    outboxes.iter().for_each(|file| outbox::remove(file));
+    // A disk that fails now fails again where it matters.
+    let takes_over = kept.take_over(&left, |topic| topics.is_own(topic));
+    if takes_over.unwrap_or(false) {
+        // The outlet of the earlier name may still have to say that it is gone.
+        tokio::select! {
+            () = outlet.stopped() => return Ok(()),
+            () = tokio::time::sleep(LINGER + LINGER / 4) => {}
+        }
+    }
     let days = outlet.number("replay_days");
     let outbox = outbox(&outlet, &topics, days)?;
     let node = Node::new(Setup {
@@ -191,12 +202,8 @@ impl Driver {
     }
 
     /// The outbox is closed, and removed with its outlet.
-    async fn end(mut self) {
-        if self.is_taken_over() {
-            // Nor does the next outlet of this name take anything away.
-            self.kept.forget();
-        }
-        if let Some(outbox) = self.outbox.take() {
+    async fn end(self) {
+        if let Some(outbox) = self.outbox {
             outbox.end(CLOSE_MAX).await;
         }
         if is_gone(&self.outlet) {
@@ -281,6 +288,8 @@ impl Driver {
         let mut broken = None;
         while let Some(output) = self.node.poll(now) {
             match output {
+                // The other one keeps them from now on.
+                Output::Keep(_) if self.is_taken_over() => {}
                 Output::Keep(topics) => {
                     // It is written again with the next configuration; until then names that are
                     // given up may stay at the broker.

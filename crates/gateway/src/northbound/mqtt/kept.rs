@@ -1,6 +1,7 @@
 //! The topics at which the broker may have something of an outlet: in a file of the state folder,
 //! so that what has another name after a restart leaves nothing behind.
 
+use super::discovery::MARK;
 use railbus_store::durable;
 use std::collections::BTreeSet;
 use std::fs::File;
@@ -44,6 +45,32 @@ impl Kept {
         Ok(())
     }
 
+    /// Takes over the topics that are this outlet's own from the files of others, which are no
+    /// more, and removes those. Whether there were any.
+    pub(super) fn take_over(
+        &mut self,
+        files: &[PathBuf],
+        is_own: impl Fn(&str) -> bool,
+    ) -> io::Result<bool> {
+        let (mut topics, mut taken) = (self.topics.clone(), Vec::new());
+        for file in files {
+            let theirs = read(file).unwrap_or_default();
+            // What was told at a topic stands behind it.
+            let topic = |line: &str| line.split_once(MARK).map(|(topic, _)| topic.to_owned());
+            let is_ours = |line: &&String| is_own(&topic(line).unwrap_or_else(|| line.to_string()));
+            let ours: Vec<&String> = theirs.iter().filter(is_ours).collect();
+            if !ours.is_empty() {
+                topics.extend(ours.into_iter().cloned());
+                taken.push(file);
+            }
+        }
+        self.keep(topics.into_iter().collect())?;
+        for file in &taken {
+            std::fs::remove_file(file)?;
+        }
+        Ok(!taken.is_empty())
+    }
+
     /// There is nothing left at the broker.
     pub(super) fn forget(&mut self) {
         self.topics.clear();
@@ -77,5 +104,39 @@ mod tests {
         assert!(Kept::open(path.clone()).topics().is_empty());
         kept.forget();
         assert!(!path.exists());
+    }
+
+    #[test]
+    fn topics_of_an_earlier_name_are_taken_over() {
+        let file = |name: &str| {
+            let name = format!("railbus-taken-{name}-{}.json", std::process::id());
+            std::env::temp_dir().join(name)
+        };
+        let (own, old, other) = (file("own"), file("old"), file("other"));
+        let mut before = Kept::open(old.clone());
+        let lines = [
+            "x/oven/k1/state",
+            "ha/oven/config#switch/k1",
+            "y/oven/k1/state",
+        ];
+        before.keep(lines.map(str::to_owned).to_vec()).unwrap();
+        let mut stranger = Kept::open(other.clone());
+        stranger.keep(vec!["y/hall/k1/state".to_owned()]).unwrap();
+
+        let mut kept = Kept::open(own.clone());
+        kept.keep(vec!["x/bridge/state".to_owned()]).unwrap();
+        let is_own = |topic: &str| topic.starts_with("x/") || topic == "ha/oven/config";
+        let files = [old.clone(), other.clone(), file("none")];
+        assert!(kept.take_over(&files, is_own).unwrap());
+        let all = [
+            "ha/oven/config#switch/k1",
+            "x/bridge/state",
+            "x/oven/k1/state",
+        ];
+        assert!(Kept::open(own).topics().iter().eq(all));
+        assert!(!old.exists() && other.exists());
+        assert!(!kept.take_over(&files, is_own).unwrap());
+        kept.forget();
+        stranger.forget();
     }
 }
