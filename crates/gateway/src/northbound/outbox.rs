@@ -99,6 +99,7 @@ impl OutboxHandle {
                 told,
                 report: setup.report,
                 failures: 0,
+                told_dropped: 0,
             };
             runtime.block_on(keeper.run(setup.site, orders, to_delete));
             // Nobody waits where the outlet has ended.
@@ -173,6 +174,8 @@ struct Keeper {
     report: Report,
     /// How often in a row the disk failed.
     failures: u32,
+    /// The first entry after those that were dropped, when all was told because of them.
+    told_dropped: u64,
 }
 
 impl Keeper {
@@ -284,7 +287,13 @@ impl Keeper {
             Ok(piece.map(|piece| (Arc::from(outbox.epoch()), piece)))
         });
         let piece = match read.transpose() {
-            Ok(piece) => piece.flatten(),
+            Ok(piece) => {
+                let piece = piece.flatten();
+                if let Some((_, piece)) = &piece {
+                    self.tell_dropped(piece);
+                }
+                piece
+            }
             Err(why) => {
                 // A broken page may stand before everything that is still to be read.
                 self.ended(Err(why));
@@ -293,6 +302,15 @@ impl Keeper {
         };
         // Fails where the outlet waits no longer.
         let _ = order.reply.send(piece);
+    }
+
+    /// Where entries were dropped before these, the last one of a point may be among them: every
+    /// point is told once more, after all that waits.
+    fn tell_dropped(&mut self, piece: &Piece) {
+        if piece.missing.is_some() && self.told_dropped != piece.first {
+            self.told_dropped = piece.first;
+            self.recording.tell_all();
+        }
     }
 
     fn delete(&mut self, (epoch, newest): &(Arc<str>, u64)) {

@@ -137,6 +137,13 @@ impl Recording {
         }
     }
 
+    /// Every point is told as it is, though nothing is new.
+    pub(super) fn tell_all(&mut self) {
+        if self.gap.is_none() {
+            self.waiting.extend(self.now.values().cloned());
+        }
+    }
+
     /// Changes are missing from here on, until everything is told anew.
     fn anew(&mut self, why: GapReason) {
         self.waiting.clear();

@@ -176,3 +176,39 @@ async fn a_page_that_cannot_be_read_does_not_stop_it_for_good() {
     assert_ne!(now.epoch, state.epoch);
     outbox.end(PATIENCE).await;
 }
+
+#[tokio::test]
+async fn after_what_was_dropped_every_point_is_told_once_more() {
+    let folder = Folder::new();
+    let site = Service::start(Config::parse(OVEN).unwrap()).unwrap();
+    let (mut outbox, _) = folder.start(&site);
+    stored(&mut outbox, 8).await;
+    outbox.end(PATIENCE).await;
+    let file = folder.0.join("plant.outbox.db");
+    let mut kept = Outbox::open(&file).unwrap();
+    let keep = OutboxKeep {
+        age_ms: 0,
+        bytes: 0,
+    };
+    kept.prune(keep, i64::MAX).unwrap();
+    drop(kept);
+    let (mut outbox, _) = folder.start(&site);
+    // A gap, and every point after it.
+    stored(&mut outbox, 8 + 9).await;
+    for _ in 0..3 {
+        let (_, piece) = outbox.read(0, 100).await.unwrap();
+        assert_eq!((piece.first, piece.missing.unwrap().count), (8, 7));
+        stored_or_known(&mut outbox, 8 + 9 + 8).await;
+    }
+    tokio::time::sleep(2 * FLUSH).await;
+    let (_, piece) = outbox.read(0, 100).await.unwrap();
+    assert_eq!(piece.entries.len(), 1 + 9 + 8, "once");
+    outbox.end(PATIENCE).await;
+}
+
+/// The same as [`stored`], also if it was told before.
+async fn stored_or_known(outbox: &mut OutboxHandle, newest: u64) {
+    if outbox.state.borrow().newest < newest {
+        stored(outbox, newest).await;
+    }
+}
