@@ -586,7 +586,7 @@ def other_form(s, form):
         s.ask("PUT", "/outlets/mqtt/scada", {**s.settings, "discovery": now})
         known = lambda: [(topic, payload) for _, _, topic, payload in s.watcher.got[since:]
                          if topic.startswith(f"{HOME}/")]
-        until(lambda: (told := known()) and told[-1][1] == ""
+        until(lambda: (told := known()) and is_new(told[-1][0])
               and [payload for _, payload in told].count(moves)
               == [payload for _, payload in told].count(""))
         told = known()
@@ -597,7 +597,7 @@ def other_form(s, form):
         new = [nth for nth, (topic, _) in enumerate(told) if is_new(topic)]
         asked = [nth for nth, (_, payload) in enumerate(told) if payload == moves]
         cleared = [nth for nth, (_, payload) in enumerate(told) if payload == ""]
-        s.check(entry, max(asked) < min(new) and max(new) < min(cleared), True, f"{now}: order")
+        s.check(entry, max(asked) < min(cleared) and max(cleared) < min(new), True, f"{now}: order")
         s.told(entry, "bridge/state", "online", f"{now}")
 
 
