@@ -129,8 +129,9 @@ impl Outlet {
     /// Files like [`Outlet::kept`] and [`Outlet::outbox_file`] of outlets of this kind that the
     /// configuration does not have: of earlier names, or removed while the daemon did not run.
     pub(crate) fn left_behind(&self) -> (Vec<PathBuf>, Vec<PathBuf>) {
-        let config = self.service.config();
+        // As it is once the file was seen: an outlet is configured before it has one.
         let is_there = |name: &str| {
+            let config = self.service.config();
             let outlet = config.outlets.get(name);
             outlet.is_some_and(|outlet| outlet.kind == self.kind.name)
         };
