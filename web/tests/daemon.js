@@ -86,7 +86,9 @@ export async function open(browser, { lang, width, scheme }) {
   page.on("console", (message) => message.type() === "error" && wrong.push(`console: ${message.text()}`));
   // What the console leaves out.
   page.on("response", async (answer) => {
-    if (answer.status() >= 500) console.log(`# ${answer.url()}: ${answer.status()} ${await answer.text()}`);
+    // Its body is gone with the page.
+    const body = () => answer.text().catch(() => "");
+    if (answer.status() >= 500) console.log(`# ${answer.url()}: ${answer.status()} ${await body()}`);
   });
   page.on("pageerror", (error) => wrong.push(`error: ${error.message}`));
   await page.exposeFunction("reportPolicy", (what) => wrong.push(`policy: ${what}`));
