@@ -16,6 +16,7 @@ import threading
 import time
 import tty
 
+from checksums import crc
 from modbus_line_suite import Site
 from modbus_tcp import Client, PATIENCE, until
 
@@ -123,16 +124,6 @@ def floor(path):
         apart()
     os.close(line)
     return times
-
-
-def crc(data):
-    """The CRC of Modbus RTU."""
-    value = 0xFFFF
-    for byte in data:
-        value ^= byte
-        for _ in range(8):
-            value = value >> 1 ^ (0xA001 if value & 1 else 0)
-    return value.to_bytes(2, "little")
 
 
 def measure_line():

@@ -8,7 +8,7 @@ use crate::Ulids;
 use crate::database::{self, DbFault, Schema};
 use rusqlite::{Connection, OptionalExtension, Transaction, params};
 use std::collections::HashMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::SystemTime;
 
 /// How many entries are deleted in one step because there are too many.
@@ -110,7 +110,6 @@ pub struct OutboxKeep {
 /// A file with entries. It has one owner.
 #[derive(Debug)]
 pub struct Outbox {
-    file: PathBuf,
     db: Connection,
     epoch: String,
     paths: HashMap<String, i64>,
@@ -185,7 +184,6 @@ impl Outbox {
             [],
         )?;
         Ok(Outbox {
-            file: file.to_owned(),
             db,
             epoch,
             paths: HashMap::new(),
@@ -205,12 +203,6 @@ impl Outbox {
     /// Removes the file of an outbox that is not open. What can't be removed stays.
     pub fn remove(file: &Path) {
         database::remove(file);
-    }
-
-    /// Where it is.
-    #[must_use]
-    pub fn file(&self) -> &Path {
-        &self.file
     }
 
     /// Whose numbers these are.

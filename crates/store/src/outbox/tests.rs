@@ -1,4 +1,5 @@
 use super::*;
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 /// A file of its own, removed at the end.
