@@ -1,8 +1,8 @@
-//! What Home Assistant is told of the modules, so that it shows them by itself: its MQTT discovery.
-//! Each module is a device there, and each of its points one entity or several.
+//! MQTT discovery of Home Assistant: descriptions of the modules, from which it makes devices and
+//! entities. A module is a device, and a point one entity or several.
 //!
-//! A message of the form `device` has all entities of a module. Home Assistant removes one of them
-//! only where the message says so: [`Described`] remembers every entity that was ever told.
+//! A message of the form `device` has all entities of a module. Home Assistant removes an entity
+//! only if the message says so: [`Described`] remembers all that were ever published.
 
 use super::told::{OFFLINE, ONLINE};
 use super::topics::{Facet, Topics};
@@ -16,7 +16,7 @@ use std::time::Duration;
 
 /// Between a topic and an entity of it, where they are remembered. No topic has it.
 pub(super) const MARK: char = '#';
-/// How long Home Assistant waits at most, after it has come back, until it is told all again.
+/// After Home Assistant has started, all descriptions are published again within this time.
 const SPREAD_MS: u64 = 5_000;
 /// The kinds of entities.
 const SWITCH: &str = "switch";
@@ -24,7 +24,7 @@ const BUTTON: &str = "button";
 const BINARY: &str = "binary_sensor";
 const SENSOR: &str = "sensor";
 
-/// How modules are told.
+/// The form of the messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Form {
     /// A message for each module.
@@ -33,7 +33,7 @@ pub(super) enum Form {
     Component,
 }
 
-/// How, where and of what is told.
+/// What the descriptions depend on besides the modules.
 #[derive(Clone, Debug)]
 pub(super) struct Discovery {
     form: Form,
@@ -41,11 +41,11 @@ pub(super) struct Discovery {
     prefix: String,
     /// The site, as part of what identifies its modules.
     site: String,
-    /// Names are told in Chinese, where there are any.
+    /// Names are in Chinese, where there are any.
     is_zh: bool,
     /// Which outputs may be switched.
     rights: Rights,
-    /// How long after Home Assistant has come back it is told all again.
+    /// The time from a start of Home Assistant until all is published again.
     spread: Duration,
 }
 
@@ -63,11 +63,11 @@ struct Entity {
 struct Known {
     status: ModuleStatus,
     points: BTreeMap<Point, PointStatus>,
-    /// Where it is told.
+    /// Where it is published.
     topics: BTreeSet<String>,
 }
 
-/// The modules as they are told, and the entities that were.
+/// The modules as they are published, and all entities that ever were.
 #[derive(Debug, Default)]
 pub(super) struct Described {
     modules: BTreeMap<String, Known>,
@@ -76,7 +76,7 @@ pub(super) struct Described {
 }
 
 impl Discovery {
-    /// For the topics below `<base>/<site>`. What is told of them begins with this prefix.
+    /// For the points below `<base>/<site>`; the topics of the descriptions begin with this prefix.
     pub(super) fn new(
         form: Form,
         prefix: &str,
@@ -105,12 +105,12 @@ impl Discovery {
         format!("{}/status", self.prefix)
     }
 
-    /// How long after that it is told all again.
+    /// The time from that until all is published again: 0 to 5 s, not the same for every site.
     pub(super) const fn spread(&self) -> Duration {
         self.spread
     }
 
-    /// Whether a topic is one at which modules are told.
+    /// Whether a topic is that of a description.
     pub(super) fn has(&self, topic: &str) -> bool {
         let rest = topic.strip_prefix(&self.prefix);
         rest.is_some_and(|rest| rest.starts_with('/') && rest.ends_with("/config"))
@@ -186,8 +186,8 @@ impl Described {
         })
     }
 
-    /// How everything is. Gives back what is told now. `is_told` is whether something is at a
-    /// topic.
+    /// Takes the state of the site; returns all messages by their topics. `is_told`: whether
+    /// something was published at a topic.
     pub(super) fn picture(
         &mut self,
         topics: &Topics,
@@ -229,9 +229,8 @@ impl Described {
         messages
     }
 
-    /// The topics at which modules were told in the other form, of those at which an earlier run
-    /// left something. Of single entities only those that are there in this form, too: the others
-    /// are to be removed.
+    /// The topics of the other form at which an earlier run left something. Of single entities only
+    /// those that this form has, too: the others are to be removed.
     pub(super) fn moving<'o>(
         &self,
         topics: &Topics,
@@ -256,7 +255,7 @@ impl Described {
         moving.into_iter().filter_map(|topic| old.get(&topic))
     }
 
-    /// A point is like this now. Whether what is told of its module may be something else.
+    /// Takes the state of a point; returns whether the description of its module may change.
     pub(super) fn point(&mut self, status: &PointStatus) -> bool {
         let known = self.modules.get_mut(&status.module);
         let before = known.and_then(|known| known.points.get_mut(&status.point));
@@ -269,7 +268,7 @@ impl Described {
         is_other
     }
 
-    /// What is told of a module now, and the topics at which it is told no longer.
+    /// The messages of a module now, and the topics that it has no longer.
     pub(super) fn messages(
         &mut self,
         topics: &Topics,

@@ -1,4 +1,4 @@
-//! What Home Assistant is told, as messages.
+//! The messages that Home Assistant gets.
 
 use super::super::settings;
 use super::super::told::Told;
