@@ -139,6 +139,10 @@ pub mod codes {
         TOO_MUCH_ASKED = "E0174", 422;
         /// Only from the command line: a daemon checks what it writes itself.
         AUDIT_HELD = "E0175", 409;
+        /// Also `count`, `days`.
+        OUTBOX_DROPPED = "E0176", 507;
+        /// Also `path`, `reason`.
+        OUTBOX_FAILS = "E0177", 507;
         /// Also `line`, `op`: the running one.
         SCAN_RUNS = "E0210", 409;
         /// Also `reason`.
@@ -252,10 +256,6 @@ pub mod codes {
         BROKER_FILE = "E0856", 500;
         /// Also `broker`: host and port, `topic`, `reason`.
         BROKER_TOPIC = "E0932", 403;
-        /// Also `count`, `days`.
-        OUTBOX_DROPPED = "E0933", 507;
-        /// Also `path`, `reason`.
-        OUTBOX_FAILS = "E0934", 507;
         /// Also `broker`, `reason`.
         BROKER_UNREACHED = "E0896", 502;
         /// Also `broker`, `reason`.

@@ -203,19 +203,6 @@ codes! {
         next: ["allow this user to read and write BASE/SITE/#",
             "授权该用户读写 前缀/站点/#"],
     }
-    OutboxDropped = "E0933" {
-        title: ["changes were dropped before the receiver had them", "变化在接收方取走之前已被丢弃"],
-        likely: ["the receiver was away for longer than `replay_days`, or more than 512 MB waited",
-            "接收方离线超过 replay_days，或待传数据超过 512 MB"],
-        next: ["connect the receiver again; it is told which changes are missing",
-            "恢复接收方的连接；接收方会得知缺少哪些变化"],
-    }
-    OutboxFails = "E0934" {
-        title: ["changes can't be kept for the receiver", "无法为接收方保存变化"],
-        likely: ["the disk is full, or the state folder can't be written", "磁盘已满，或状态目录不可写"],
-        next: ["free some space: it is tried again every 5 s, and the receiver is told of the gap",
-            "释放磁盘空间；每 5 秒重试一次，接收方会得知数据缺口"],
-    }
     Differs = "E1001" {
         title: ["differences were found", "发现差异"],
         likely: ["the modules' settings are not as configured", "模块设置与期望不同"],

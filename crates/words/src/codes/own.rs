@@ -133,6 +133,19 @@ codes! {
         next: ["leave out --config, or name its socket with --socket",
             "去掉 --config，或用 --socket 指定其套接字"],
     }
+    OutboxDropped = "E0176" {
+        title: ["changes were dropped before the receiver had them", "变化在接收方取走之前已被丢弃"],
+        likely: ["the receiver was away for longer than `replay_days`, or more than 512 MB waited",
+            "接收方离线超过 replay_days，或待传数据超过 512 MB"],
+        next: ["connect the receiver again; it is told which changes are missing",
+            "恢复接收方的连接；接收方会得知缺少哪些变化"],
+    }
+    OutboxFails = "E0177" {
+        title: ["changes can't be kept for the receiver", "无法为接收方保存变化"],
+        likely: ["the disk is full, or the state folder can't be written", "磁盘已满，或状态目录不可写"],
+        next: ["free some space: it is tried again every 5 s, and the receiver is told of the gap",
+            "释放磁盘空间；每 5 秒重试一次，接收方会得知数据缺口"],
+    }
     Capture = "E0180" {
         title: ["the capture file can't be read", "无法读取抓包文件"],
         likely: ["not a pcapng file · truncated while it was written",
