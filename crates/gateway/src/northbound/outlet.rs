@@ -301,24 +301,24 @@ mod tests {
         let folder = std::env::temp_dir().join(format!("railbus-left-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
         for file in [
-            "mqtt-now.json",
-            "mqtt-now.outbox.db",
-            "mqtt-old.json",
-            "mqtt-old.outbox.db",
-            "mqtt-old.outbox.db-wal",
-            "mqtt-old.outbox.broken-7.db",
-            "mqtts-old.json",
+            "toy-now.json",
+            "toy-now.outbox.db",
+            "toy-old.json",
+            "toy-old.outbox.db",
+            "toy-old.outbox.db-wal",
+            "toy-old.outbox.broken-7.db",
+            "toys-old.json",
             "audit-1.json",
-            "mqtt-gone.outbox.db",
+            "toy-gone.outbox.db",
         ] {
             std::fs::write(folder.join(file), "").unwrap();
         }
-        let (kept, mut outboxes) = left_in(&folder, "mqtt", |name| name == "now");
+        let (kept, mut outboxes) = left_in(&folder, "toy", |name| name == "now");
         outboxes.sort();
-        assert_eq!(kept, [folder.join("mqtt-old.json")]);
-        let both = ["mqtt-gone.outbox.db", "mqtt-old.outbox.db"];
+        assert_eq!(kept, [folder.join("toy-old.json")]);
+        let both = ["toy-gone.outbox.db", "toy-old.outbox.db"];
         assert_eq!(outboxes, both.map(|file| folder.join(file)));
         std::fs::remove_dir_all(&folder).unwrap();
-        assert_eq!(left_in(&folder, "mqtt", |_| false), (vec![], vec![]));
+        assert_eq!(left_in(&folder, "toy", |_| false), (vec![], vec![]));
     }
 }
