@@ -6,6 +6,7 @@
 //! by [`run`]. Routes, secrets, metrics and the form on the page are the same for every kind, and
 //! made from what its line says ([`kind`]).
 
+mod broker;
 mod kind;
 mod modbus;
 mod modbus_line;

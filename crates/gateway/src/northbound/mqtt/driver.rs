@@ -1,20 +1,20 @@
 //! Connects a [`Node`] to a broker and to the site, again and again.
 
-use super::alive::Alive;
-use super::dial::Dial;
 use super::ends;
 use super::kept::Kept;
-use super::link::{self, Broken, Heard, Login, Receiver, Sender, Step, Version};
-use super::message::Verdict;
-use super::node::{Input, Node, Output, Reply, Setup, WINDOW};
+use super::node::{Input, Node, Output, Reply, Setup};
 use super::replay::{self, Packed};
-use super::settings::{self, Broker, Spoken};
+use super::settings;
+use super::told::OFFLINE;
 use super::topics::Topics;
 use super::turns::Turns;
-use crate::access::secret::random;
+use crate::northbound::broker::link::{self, Heard, Login, Receiver, Sender, Step};
+use crate::northbound::broker::message::{Message, Verdict};
+use crate::northbound::broker::session::{connected, pump, wait};
+use crate::northbound::broker::settings::Broker;
+use crate::northbound::broker::{Alive, Dial, WINDOW, session};
 use crate::northbound::outbox::{self, OutboxHandle, OutboxSetup, OutboxState};
 use crate::northbound::outlet::Outlet;
-use hyper::body::Bytes;
 use railbus_api::problem::{Problem, codes};
 use railbus_site::{Events, Follower, News};
 use railbus_store::outbox::Piece;
@@ -28,19 +28,12 @@ use tokio::sync::mpsc;
 use tokio::task::JoinSet;
 use tokio::time::Instant;
 
-/// The shortest and the longest wait before the next try to connect.
-const WAIT_MIN: Duration = Duration::from_secs(1);
-const WAIT_MAX: Duration = Duration::from_secs(60);
 /// A connection that has lasted for so long was no failure.
 const STEADY: Duration = Duration::from_secs(30);
 /// At the end, the broker has this time to take what is left.
 const LINGER: Duration = Duration::from_millis(900);
 /// The outbox has this time to write what waits.
 const CLOSE_MAX: Duration = Duration::from_secs(3);
-/// How long a test waits until the broker says what it is.
-const LOOK_MAX: Duration = Duration::from_secs(1);
-/// Where many brokers say what they are.
-const BROKER_VERSION: &str = "$SYS/broker/version";
 
 /// When it begins.
 const ZERO: Duration = Duration::ZERO;
@@ -161,10 +154,7 @@ impl Driver {
         let mut tries = 0;
         loop {
             let begun = Instant::now();
-            let connecting = pin!(connected(
-                self.broker(),
-                self.login(Some(self.topics.bridge_state()))
-            ));
+            let connecting = pin!(connected(self.broker(), self.login()));
             let connection = tokio::select! {
                 () = &mut stopped => return,
                 end = self.meanwhile(connecting) => end,
@@ -215,8 +205,15 @@ impl Driver {
         broker(&self.outlet)
     }
 
-    fn login(&self, will: Option<String>) -> Login {
-        login(&self.outlet, &self.broker(), will)
+    fn login(&self) -> Login {
+        let will = Message {
+            topic: self.topics.bridge_state(),
+            payload: OFFLINE.into(),
+            is_retained: true,
+            is_sure: true,
+            correlation: None,
+        };
+        session::login(&self.outlet, &self.broker(), Some(will))
     }
 
     /// Keeps up with the site until something has ended; none if the site has gone.
@@ -530,114 +527,12 @@ enum Happened {
     Input(Input<'static>),
 }
 
-/// Hands on what happens, until the connection ends.
-async fn pump(receiver: &mut Receiver, steps: mpsc::Sender<Step>) -> Broken {
-    loop {
-        match receiver.next().await {
-            // Fails where nobody listens any more; then it is to end as well.
-            Ok(step) => _ = steps.send(step).await,
-            Err(broken) => return broken,
-        }
-    }
-}
-
 fn broker(outlet: &Outlet) -> Broker {
-    Broker::of(&outlet.settings.borrow(), &outlet.site, &outlet.name)
-}
-
-fn login(outlet: &Outlet, broker: &Broker, will: Option<String>) -> Login {
-    let secret = outlet.secret();
-    Login {
-        client_id: broker.client_id.clone(),
-        username: broker.username.clone(),
-        password: secret.map(|secret| Bytes::copy_from_slice(secret.expose().as_bytes())),
-        will: will.map(|topic| (topic, super::told::OFFLINE)),
-    }
-}
-
-/// A connection in a version that the broker speaks. Where that has to be found out, it is each
-/// time: a broker that hung up on version 5 once may only have been busy.
-async fn connected(
-    broker: Broker,
-    login: Login,
-) -> Result<(Version, Sender, Receiver, Option<usize>), Problem> {
-    let versions: &[Version] = match broker.spoken {
-        Spoken::Five => &[Version::Five],
-        Spoken::ThreeOne => &[Version::ThreeOne],
-        Spoken::Auto => &[Version::Five, Version::ThreeOne],
-    };
-    let mut first = None;
-    for version in versions {
-        let dial = Dial::new(&broker)?;
-        match link::connect(*version, dial, login.clone()).await {
-            Ok((sender, receiver, limit)) => return Ok((*version, sender, receiver, limit)),
-            // The broker's other answer says more than that it does not know the first version.
-            Err(broken) if first.is_some() || !broken.is_of_version => {
-                return Err(broken.problem);
-            }
-            Err(broken) => first = Some(broken.problem),
-        }
-    }
-    // There is at least one version.
-    Err(first.unwrap_or_else(|| Problem::new(codes::INTERNAL)))
-}
-
-/// How long after so many failures it is tried again: longer each time, and never at the same time
-/// as all others that lost the same broker.
-fn wait(tries: u32) -> Duration {
-    let longest = WAIT_MIN * (1 << tries.saturating_sub(1).min(6));
-    let share = random::<1>().map_or(128, |[byte]| byte);
-    let jitter = longest.mul_f64(f64::from(share) / 512.0);
-    (longest.mul_f64(0.75) + jitter).clamp(WAIT_MIN, WAIT_MAX)
+    settings::broker(&outlet.settings.borrow(), &outlet.site, &outlet.name)
 }
 
 /// Connects once beside the run, and says what the broker is.
 pub(super) async fn test(outlet: Outlet) -> Result<String, Problem> {
     let broker = broker(&outlet);
-    let mut login = login(&outlet, &broker, None);
-    // The broker would end the connection of the run otherwise.
-    login.client_id.push_str("-test");
-    let is_tls = broker.is_tls;
-    let (version, sender, mut receiver, _) = connected(broker, login).await?;
-    let mut words = vec![format!("MQTT {}", version.name())];
-    if is_tls {
-        words.push("TLS".to_owned());
-    }
-    if sender.look(BROKER_VERSION).is_ok() {
-        let said = tokio::time::timeout(LOOK_MAX, said(&mut receiver)).await;
-        words.extend(said.ok().flatten());
-    }
-    sender.disconnect();
-    let _ = tokio::time::timeout(LOOK_MAX, async { while receiver.next().await.is_ok() {} }).await;
-    Ok(words.join(", "))
-}
-
-/// What the broker says that it is.
-async fn said(receiver: &mut Receiver) -> Option<String> {
-    /// Longer ones are no name.
-    const LEN_MAX: usize = 64;
-    loop {
-        if let Step::Message(message) = receiver.next().await.ok()? {
-            let text = String::from_utf8(message.payload).ok()?;
-            let text = text.chars().filter(|char| !char.is_control());
-            return Some(text.take(LEN_MAX).collect());
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn it_waits_longer_each_time_and_never_too_long() {
-        for (tries, low, high) in [(1, 1.0, 1.3), (2, 1.5, 2.5), (4, 6.0, 10.0)] {
-            let wait = wait(tries).as_secs_f64();
-            assert!((low..=high).contains(&wait), "{tries}: {wait}");
-        }
-        for tries in [7, 8, 1_000, u32::MAX] {
-            let wait = wait(tries);
-            assert!(wait <= WAIT_MAX && wait >= WAIT_MAX / 2, "{wait:?}");
-        }
-    }
+    session::test(outlet, broker).await
 }

@@ -5,20 +5,14 @@
 //! - Every change in its order, also those of an outage: `replay`.
 //! - What the broker keeps of the site: `told`; the file with its topics: `kept`. What Home
 //!   Assistant is told of the modules: `discovery`.
-//! - What goes to the broker and comes from there: `message`.
 //! - What is published and when, and which commands are carried out, without I/O: `node`. How a
 //!   command ended: `ends`. In which order they begin: `turns`.
-//! - Whether the program stood still meanwhile: `alive`.
-//! - TCP and TLS: `dial`. Both versions of the protocol: `link`. What drives it all: `driver`.
+//! - What drives it all: `driver`. How the broker is reached: [`super::broker`].
 
-mod alive;
-mod dial;
 mod discovery;
 mod driver;
 mod ends;
 mod kept;
-mod link;
-mod message;
 mod node;
 mod orders;
 mod replay;
@@ -27,6 +21,7 @@ mod told;
 mod topics;
 mod turns;
 
+use super::broker::fields;
 use super::kind::{EVENTS, Field, OutletKind, Pair, Shape};
 
 /// MQTT, as a client.
@@ -69,54 +64,16 @@ const NOTES: &[Pair] = &[
 ];
 
 const FIELDS: &[Field] = &[
-    Field::new("host", ["Broker", "代理地址"], Shape::Text(253)).with_hint([
-        "Name or address; 127.0.0.1 if left empty",
-        "主机名或地址；留空为 127.0.0.1",
-    ]),
-    Field::new("port", ["Port", "端口"], Shape::Number(0, 65_535, 0)).with_hint([
-        "0 for the usual one: 1883, with TLS 8883",
-        "0 表示默认端口：1883，使用 TLS 时为 8883",
-    ]),
-    Field::new(
-        "tls",
-        ["Encryption (TLS)", "加密（TLS）"],
-        Shape::Choice(TLS),
-    ),
-    Field::new(
-        "ca",
-        ["Authority of the broker", "代理的 CA 证书"],
-        Shape::Text(PATH_MAX),
-    )
-    .with_hint([
-        "File with certificates in PEM on this machine; the authorities of this machine if \
-             left empty",
-        "本机上的 PEM 证书文件；留空则使用本机信任的 CA",
-    ]),
-    Field::new(
-        "cert",
-        ["Own certificate", "客户端证书"],
-        Shape::Text(PATH_MAX),
-    )
-    .with_hint([
-        "File in PEM, only if the broker asks for one",
-        "PEM 文件，仅在代理要求客户端证书时填写",
-    ]),
-    Field::new(
-        "key",
-        ["Its private key", "客户端私钥"],
-        Shape::Text(PATH_MAX),
-    )
-    .with_hint(["File in PEM", "PEM 文件"]),
-    Field::new("username", ["User name", "用户名"], Shape::Text(256)),
-    Field::new("password", ["Password", "密码"], Shape::Secret(1, 256)).with_hint([
-        "Leave empty to keep. It is never shown again.",
-        "留空则不变。保存后不再显示。",
-    ]),
-    Field::new("client_id", ["Client ID", "客户端 ID"], Shape::Text(128)).with_hint([
-        "railbus-SITE-NAME if left empty. Every client of a broker has its own",
-        "留空为 railbus-站点-名称。同一代理上的客户端 ID 不可重复",
-    ]),
-    Field::new("version", ["Version", "协议版本"], Shape::Choice(VERSIONS)),
+    fields::HOST,
+    fields::PORT,
+    fields::TLS,
+    fields::CA,
+    fields::CERT,
+    fields::KEY,
+    fields::USERNAME,
+    fields::PASSWORD,
+    fields::CLIENT_ID,
+    fields::VERSION,
     Field::new("base", ["Topics begin with", "主题前缀"], Shape::Text(128))
         .with_hint(["railbus if left empty", "留空为 railbus"]),
     Field::new(
@@ -179,21 +136,6 @@ const FIELDS: &[Field] = &[
     ),
 ];
 
-/// The longest path of a file.
-const PATH_MAX: usize = 1_024;
-
-const TLS: &[(&str, Pair)] = &[
-    (
-        "auto",
-        ["Unless the broker is on this machine", "代理不在本机时使用"],
-    ),
-    ("on", ["Always", "始终使用"]),
-    (
-        "off",
-        ["Never: others can read along", "不使用（数据可被他人读取）"],
-    ),
-];
-
 const DISCOVERY: &[(&str, Pair)] = &[
     ("off", ["Off", "关闭"]),
     (
@@ -210,9 +152,3 @@ const DISCOVERY: &[(&str, Pair)] = &[
 ];
 
 const NAMES: &[(&str, Pair)] = &[("en", ["English", "英文"]), ("zh", ["Chinese", "中文"])];
-
-const VERSIONS: &[(&str, Pair)] = &[
-    ("auto", ["5, otherwise 3.1.1", "优先 5，否则 3.1.1"]),
-    ("5", ["5", "5"]),
-    ("3.1.1", ["3.1.1", "3.1.1"]),
-];

@@ -5,11 +5,12 @@
 //! the newest value of a topic replaces the one before. What the broker does not keep (results and
 //! events) waits in queues of a fixed length.
 
-use super::message::{Message, Received, Verdict};
 use super::orders::Order;
 use super::replay::{Packed, PieceId, Replay};
 use super::told::{OFFLINE, ONLINE, Told};
 use super::topics::Topics;
+use crate::northbound::broker::WINDOW;
+use crate::northbound::broker::message::{Message, Received, Verdict};
 use crate::northbound::outbox::OutboxState;
 use railbus_api::types::SCHEMA;
 use railbus_app::api::past;
@@ -20,8 +21,6 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// How many messages are with the broker, or on their way to it, at a time.
-pub(super) const WINDOW: usize = 64;
 /// How many results and how many events wait before the oldest are dropped.
 const QUEUE_MAX: usize = 256;
 /// How often it is told how the outlet does.

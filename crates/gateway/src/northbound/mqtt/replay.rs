@@ -1,7 +1,7 @@
 //! Every change in its order, also those of an outage: what is published of the outbox, and up to
 //! where the broker has it. Without I/O.
 
-use super::message::{Message, Verdict};
+use crate::northbound::broker::message::{Message, Verdict};
 use crate::northbound::outbox::OutboxState;
 use jiff::Timestamp;
 use railbus_api::types::SCHEMA;

@@ -1,102 +1,29 @@
-//! Its settings: which broker, how it is reached, and where its topics begin.
+//! Its settings: where its topics begin, and whom it tells what.
 
 use super::discovery::{Discovery, Form};
-use super::topics::{Topics, is_base, level};
+use super::topics::{Topics, is_base};
+use crate::northbound::broker::level;
+use crate::northbound::broker::settings::{self, Broker, names, text};
 use crate::northbound::kind::ENABLED;
 use crate::northbound::outlet;
 use railbus_site::Config;
 use railbus_site::config::change::Keys;
 use railbus_site::config::{Invalid, OutletTable};
 use std::collections::BTreeSet;
-use std::path::PathBuf;
 
-/// The ports of brokers, without and with TLS.
-const PORT: u16 = 1883;
-const PORT_TLS: u16 = 8883;
 /// Where the topics begin.
 const BASE: &str = "railbus";
 /// Where the topics of discovery begin.
 const DISCOVERY: &str = "homeassistant";
-/// The broker, if none is named.
-const HOST: &str = "127.0.0.1";
-
-/// Which versions of the protocol are spoken.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Spoken {
-    /// 5, and 3.1.1 with a broker that refuses that.
-    Auto,
-    Five,
-    ThreeOne,
-}
-
-/// A broker, and how it is reached.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Broker {
-    pub(super) host: String,
-    pub(super) port: u16,
-    pub(super) is_tls: bool,
-    /// Whom to trust; the authorities of this machine if there is none.
-    pub(super) ca: Option<PathBuf>,
-    /// The client's own certificate and its key.
-    pub(super) own: Option<(PathBuf, PathBuf)>,
-    pub(super) username: Option<String>,
-    pub(super) client_id: String,
-    pub(super) spoken: Spoken,
-}
-
-fn text<'s>(settings: &'s Keys, key: &str) -> Option<&'s str> {
-    let text = settings.get(key).and_then(|value| value.as_str());
-    text.filter(|text| !text.is_empty())
-}
-
-fn names(settings: &Keys, key: &str) -> BTreeSet<String> {
-    let list = settings.get(key).and_then(|value| value.as_array());
-    let names = list.into_iter().flatten();
-    names
-        .filter_map(|name| name.as_str().map(str::to_owned))
-        .collect()
-}
-
-/// Whether a host is this machine, by how it is written.
-fn is_here(host: &str) -> bool {
-    let address: Option<std::net::IpAddr> = host.parse().ok();
-    host.eq_ignore_ascii_case("localhost") || address.is_some_and(|address| address.is_loopback())
-}
-
-impl Broker {
-    /// As an outlet of this name at this site has it.
-    pub(super) fn of(settings: &Keys, site: &str, outlet: &str) -> Broker {
-        let host = text(settings, "host").unwrap_or(HOST).to_owned();
-        let is_tls = match text(settings, "tls") {
-            Some("on") => true,
-            Some("off") => false,
-            _ => !is_here(&host),
-        };
-        let port = settings.get("port").and_then(|port| port.as_i64());
-        let port = port.and_then(|port| u16::try_from(port).ok());
-        let usual = if is_tls { PORT_TLS } else { PORT };
-        let path = |key| text(settings, key).map(PathBuf::from);
-        let id = || format!("railbus-{}-{outlet}", level(site_of(settings, site)));
-        Broker {
-            port: port.filter(|port| *port != 0).unwrap_or(usual),
-            is_tls,
-            ca: path("ca"),
-            own: path("cert").zip(path("key")),
-            username: text(settings, "username").map(str::to_owned),
-            client_id: text(settings, "client_id").map_or_else(id, str::to_owned),
-            spoken: match text(settings, "version") {
-                Some("5") => Spoken::Five,
-                Some("3.1.1") => Spoken::ThreeOne,
-                _ => Spoken::Auto,
-            },
-            host,
-        }
-    }
-}
 
 /// What the site is called in topics.
 fn site_of<'s>(settings: &'s Keys, site: &'s str) -> &'s str {
     text(settings, "site").unwrap_or(site)
+}
+
+/// The broker of an outlet of this name at this site.
+pub(super) fn broker(settings: &Keys, site: &str, outlet: &str) -> Broker {
+    Broker::of(settings, site_of(settings, site), outlet)
 }
 
 /// Its topics at this site.
@@ -138,11 +65,7 @@ pub(super) fn check(name: &str, settings: &Keys, config: &Config) -> Vec<(&'stat
     if text(settings, "site").is_some_and(|site| level(site) != site) {
         found.push(("site", Invalid::BadTopic));
     }
-    for (key, other) in [("cert", "key"), ("key", "cert")] {
-        if text(settings, key).is_some() && text(settings, other).is_none() {
-            found.push((key, Invalid::MissingKey(other)));
-        }
-    }
+    found.extend(settings::check(settings));
     let mut others = same(settings, config);
     // Of two, the second one is told.
     if let Some(other) = others.find(|other| is_enabled(settings) && *other < name) {
@@ -159,7 +82,7 @@ fn is_enabled(settings: &Keys) -> bool {
 /// itself. Two would speak in one name, and each command would be carried out by both.
 pub(super) fn same<'c>(settings: &Keys, config: &'c Config) -> impl Iterator<Item = &'c str> {
     let place = |settings: &Keys| {
-        let broker = Broker::of(settings, "", "");
+        let broker = broker(settings, "", "");
         let base = text(settings, "base").unwrap_or(BASE).to_owned();
         let site = text(settings, "site").map(str::to_owned);
         (broker.host.to_lowercase(), broker.port, base, site)
@@ -183,33 +106,17 @@ mod tests {
         value.as_object().cloned().unwrap()
     }
 
-    fn broker(value: serde_json::Value) -> Broker {
-        Broker::of(&keys(value), "North wing", "scada")
-    }
-
-    #[test]
-    fn beyond_this_machine_there_is_tls_unless_it_is_switched_off() {
-        let reached = |value| {
-            let broker = broker(value);
-            (broker.is_tls, broker.port)
-        };
-        assert_eq!(reached(json!({})), (false, 1883));
-        assert_eq!(reached(json!({"host": "::1"})), (false, 1883));
-        assert_eq!(reached(json!({"host": "LocalHost"})), (false, 1883));
-        assert_eq!(reached(json!({"host": "broker"})), (true, 8883));
-        assert_eq!(reached(json!({"host": "10.0.0.7"})), (true, 8883));
-        let open = json!({"host": "10.0.0.7", "tls": "off"});
-        assert_eq!(reached(open), (false, 1883));
-        assert_eq!(reached(json!({"tls": "on", "port": 8000})), (true, 8000));
+    fn client_of(value: serde_json::Value) -> String {
+        broker(&keys(value), "North wing", "scada").client_id
     }
 
     #[test]
     fn every_outlet_is_a_client_of_its_own() {
-        assert_eq!(broker(json!({})).client_id, "railbus-North_wing-scada");
+        assert_eq!(client_of(json!({})), "railbus-North_wing-scada");
         let named = json!({"site": "west"});
-        assert_eq!(broker(named).client_id, "railbus-west-scada");
+        assert_eq!(client_of(named), "railbus-west-scada");
         let named = json!({"client_id": "c7"});
-        assert_eq!(broker(named).client_id, "c7");
+        assert_eq!(client_of(named), "c7");
     }
 
     #[test]

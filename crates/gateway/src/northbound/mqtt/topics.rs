@@ -2,6 +2,7 @@
 
 use super::discovery::Discovery;
 use super::orders::Target;
+use crate::northbound::broker::level;
 use std::collections::BTreeSet;
 
 /// The longest topic that a result goes to because its sender asked for it.
@@ -167,19 +168,6 @@ impl Topics {
     /// what is no longer true.
     pub(super) fn is_vital(topic: &str) -> bool {
         topic.ends_with("/state") || topic.ends_with("/availability")
-    }
-}
-
-/// A name as one level of a topic.
-pub(super) fn level(name: &str) -> String {
-    let fits = |char: char| match char {
-        '/' | '+' | '#' | '$' => '_',
-        char if char.is_control() || char.is_whitespace() => '_',
-        char => char,
-    };
-    match name.is_empty() {
-        true => "site".to_owned(),
-        false => name.chars().map(fits).collect(),
     }
 }
 

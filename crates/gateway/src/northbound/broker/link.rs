@@ -1,9 +1,9 @@
 //! A connection to a broker in one of both versions of the protocol, which differ in types only.
 //! Each connection is a new one: nothing is carried over from the one before.
 
+use super::WINDOW;
 use super::dial::{Dial, Reached, tls_reason};
 use super::message::{Message, Received, Verdict};
-use super::node::WINDOW;
 use hyper::body::Bytes;
 use railbus_api::problem::Problem;
 use rumqttc_v5 as v5;
@@ -17,7 +17,7 @@ use std::time::Duration;
 const KEEP_ALIVE_S: u16 = 3;
 /// How long it may take until the broker has accepted the connection: a test that tries both
 /// versions has 15 s.
-pub(super) const CONNECT_MAX: Duration = Duration::from_secs(6);
+pub(crate) const CONNECT_MAX: Duration = Duration::from_secs(6);
 /// The longest packet that is received, in bytes. A broker of version 5 is told so and leaves out
 /// what is longer.
 const PACKET_MAX: u32 = 64 << 10;
@@ -30,14 +30,14 @@ const OVERHEAD: usize = 64;
 
 /// A version of the protocol.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Version {
+pub(crate) enum Version {
     Five,
     ThreeOne,
 }
 
 impl Version {
     /// As people write it.
-    pub(super) const fn name(self) -> &'static str {
+    pub(crate) const fn name(self) -> &'static str {
         match self {
             Version::Five => "5",
             Version::ThreeOne => "3.1.1",
@@ -47,12 +47,12 @@ impl Version {
 
 /// Who connects, and as what.
 #[derive(Clone)]
-pub(super) struct Login {
-    pub(super) client_id: String,
-    pub(super) username: Option<String>,
-    pub(super) password: Option<Bytes>,
-    /// What the broker publishes, and keeps, when the connection is lost: topic and payload.
-    pub(super) will: Option<(String, &'static str)>,
+pub(crate) struct Login {
+    pub(crate) client_id: String,
+    pub(crate) username: Option<String>,
+    pub(crate) password: Option<Bytes>,
+    /// What the broker publishes when the connection is lost.
+    pub(crate) will: Option<Message>,
 }
 
 impl fmt::Debug for Login {
@@ -68,7 +68,7 @@ impl fmt::Debug for Login {
 
 /// What comes from the broker.
 #[derive(Debug)]
-pub(super) enum Heard {
+pub(crate) enum Heard {
     Message(Received),
     /// What it says of the message with this number.
     Taken(u64, Verdict),
@@ -78,15 +78,15 @@ pub(super) enum Heard {
 
 /// Why there is no connection any more.
 #[derive(Debug)]
-pub(super) struct Broken {
-    pub(super) problem: Problem,
+pub(crate) struct Broken {
+    pub(crate) problem: Problem,
     /// The broker may speak another version.
-    pub(super) is_of_version: bool,
+    pub(crate) is_of_version: bool,
 }
 
 /// The side that sends.
 #[derive(Debug)]
-pub(super) struct Sender {
+pub(crate) struct Sender {
     client: Client,
     numbers: Numbers,
 }
@@ -98,7 +98,7 @@ enum Client {
 }
 
 /// The side that receives, and keeps the connection alive.
-pub(super) struct Receiver {
+pub(crate) struct Receiver {
     events: Loop,
     dial: Dial,
 }
@@ -110,7 +110,7 @@ enum Loop {
 
 /// The numbers of messages by the packets in which they went out, in their order.
 #[derive(Debug, Default)]
-pub(super) struct Numbers {
+pub(crate) struct Numbers {
     waiting: VecDeque<u64>,
     flying: BTreeMap<u16, u64>,
 }
@@ -141,7 +141,7 @@ impl Numbers {
 
 /// What happens on a connection.
 #[derive(Debug)]
-pub(super) enum Step {
+pub(crate) enum Step {
     Message(Received),
     /// The next message went out in this packet.
     Went(u16),
@@ -154,7 +154,7 @@ pub(super) enum Step {
 
 impl Step {
     /// The same; a command that has waited for too long has expired.
-    pub(super) fn expired_if(self, is_late: bool) -> Step {
+    pub(crate) fn expired_if(self, is_late: bool) -> Step {
         match self {
             Step::Message(message) if is_late => Step::Message(Received {
                 expiry: Some(0),
@@ -170,7 +170,7 @@ impl Step {
 ///
 /// # Errors
 /// Why not.
-pub(super) async fn connect(
+pub(crate) async fn connect(
     version: Version,
     dial: Dial,
     login: Login,
@@ -195,8 +195,12 @@ fn five(dial: &Dial, login: Login) -> (Client, Loop) {
         .set_connect_timeout(CONNECT_MAX)
         .set_max_packet_size(Some(PACKET_MAX))
         .set_outgoing_inflight_upper_limit(WINDOW as u16);
-    if let Some((topic, payload)) = login.will {
-        let will = v5::LastWill::new(topic, payload, v5::QoS::AtLeastOnce, true, None);
+    if let Some(will) = login.will {
+        let quality = match will.is_sure {
+            true => v5::QoS::AtLeastOnce,
+            false => v5::QoS::AtMostOnce,
+        };
+        let will = v5::LastWill::new(will.topic, will.payload, quality, will.is_retained, None);
         options.set_last_will(will);
     }
     match (login.username, login.password) {
@@ -221,9 +225,12 @@ fn three_one(dial: &Dial, login: Login) -> (Client, Loop) {
         .set_clean_session(true)
         .set_max_packet_size(PACKET_MAX_311, usize::MAX)
         .set_inflight(WINDOW as u16);
-    if let Some((topic, payload)) = login.will {
-        let once = v311::QoS::AtLeastOnce;
-        let will = v311::LastWill::new(topic, payload, once, true);
+    if let Some(will) = login.will {
+        let quality = match will.is_sure {
+            true => v311::QoS::AtLeastOnce,
+            false => v311::QoS::AtMostOnce,
+        };
+        let will = v311::LastWill::new(will.topic, will.payload, quality, will.is_retained);
         options.set_last_will(will);
     }
     // A password needs a name in this version (MQTT 3.1.1, section 3.1.2.9).
@@ -246,7 +253,7 @@ impl Sender {
     ///
     /// # Errors
     /// The connection is no more.
-    pub(super) fn subscribe(&self, filters: &[String]) -> Result<(), String> {
+    pub(crate) fn subscribe(&self, filters: &[String]) -> Result<(), String> {
         match &self.client {
             Client::Five(client) => {
                 use v5::QoS;
@@ -276,7 +283,7 @@ impl Sender {
     ///
     /// # Errors
     /// The connection is no more.
-    pub(super) fn look(&self, topic: &str) -> Result<(), String> {
+    pub(crate) fn look(&self, topic: &str) -> Result<(), String> {
         match &self.client {
             Client::Five(client) => {
                 let once = v5::QoS::AtMostOnce;
@@ -295,7 +302,7 @@ impl Sender {
     ///
     /// # Errors
     /// The connection is no more, or the message is none.
-    pub(super) fn publish(&mut self, number: u64, message: Message) -> Result<(), String> {
+    pub(crate) fn publish(&mut self, number: u64, message: Message) -> Result<(), String> {
         self.numbers.handed(number);
         match &self.client {
             Client::Five(client) => {
@@ -330,7 +337,7 @@ impl Sender {
     }
 
     /// What something that happened means.
-    pub(super) fn heard(&mut self, step: Step) -> Option<Heard> {
+    pub(crate) fn heard(&mut self, step: Step) -> Option<Heard> {
         match step {
             Step::Message(message) => Some(Heard::Message(message)),
             Step::NotSubscribed => Some(Heard::NotSubscribed),
@@ -347,7 +354,7 @@ impl Sender {
     }
 
     /// Ends the connection once everything is sent, so that the will is not published.
-    pub(super) fn disconnect(&self) {
+    pub(crate) fn disconnect(&self) {
         // Fails where it has ended.
         match &self.client {
             Client::Five(client) => _ = client.try_disconnect(),
@@ -357,14 +364,14 @@ impl Sender {
 }
 
 /// How many bytes a message takes at most.
-pub(super) fn size(message: &Message) -> usize {
+pub(crate) fn size(message: &Message) -> usize {
     let correlation = message.correlation.as_ref().map_or(0, Vec::len);
     message.topic.len() + message.payload.len() + correlation + OVERHEAD
 }
 
 impl Receiver {
     /// The way that it goes.
-    pub(super) fn dial(&self) -> Dial {
+    pub(crate) fn dial(&self) -> Dial {
         self.dial.clone()
     }
 
@@ -399,7 +406,7 @@ impl Receiver {
     ///
     /// # Errors
     /// The connection is no more.
-    pub(super) async fn next(&mut self) -> Result<Step, Broken> {
+    pub(crate) async fn next(&mut self) -> Result<Step, Broken> {
         let step = match &mut self.events {
             Loop::Five(events) => match events.poll().await {
                 Ok(event) => step_five(event),
@@ -555,7 +562,7 @@ fn step_three_one(event: v311::Event) -> Option<Step> {
 mod tests {
     use super::*;
 
-    /// [`super::super::node`] answers it with E0106.
+    /// A command is then answered with E0106.
     #[test]
     fn what_came_too_late_has_expired() {
         let expiry = |is_late| {

@@ -9,18 +9,18 @@ const GAP_MAX: Duration = Duration::from_secs(5);
 /// When something happened last, by both clocks: only one of them goes on while the machine
 /// sleeps, and the other can be set.
 #[derive(Debug)]
-pub(super) struct Alive {
+pub(crate) struct Alive {
     last: (Instant, SystemTime),
 }
 
 impl Alive {
-    pub(super) const fn since(last: (Instant, SystemTime)) -> Alive {
+    pub(crate) const fn since(last: (Instant, SystemTime)) -> Alive {
         Alive { last }
     }
 
     /// Something happens. Whether too long after the last time: what has waited since may have
     /// been ordered for a moment that is over.
-    pub(super) fn is_late(&mut self, now: (Instant, SystemTime)) -> bool {
+    pub(crate) fn is_late(&mut self, now: (Instant, SystemTime)) -> bool {
         let last = std::mem::replace(&mut self.last, now);
         let steady = now.0.duration_since(last.0);
         let wall = now.1.duration_since(last.1).unwrap_or_default();

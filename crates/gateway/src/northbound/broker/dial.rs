@@ -20,7 +20,7 @@ use tokio_rustls::client::TlsStream;
 
 /// How far a connection came.
 #[derive(Clone, Debug, Default)]
-pub(super) enum Reached {
+pub(crate) enum Reached {
     /// Not yet.
     #[default]
     No,
@@ -32,7 +32,7 @@ pub(super) enum Reached {
 
 /// The way to a broker.
 #[derive(Clone)]
-pub(super) struct Dial {
+pub(crate) struct Dial {
     host: String,
     port: u16,
     tls: Option<Arc<ClientConfig>>,
@@ -49,7 +49,7 @@ impl std::fmt::Debug for Dial {
 }
 
 /// A connection, plain or not.
-pub(super) enum Stream {
+pub(crate) enum Stream {
     Plain(TcpStream),
     Tls(Box<TlsStream<TcpStream>>),
 }
@@ -59,7 +59,7 @@ impl Dial {
     ///
     /// # Errors
     /// One of the files can't be used.
-    pub(super) fn new(broker: &Broker) -> Result<Dial, Problem> {
+    pub(crate) fn new(broker: &Broker) -> Result<Dial, Problem> {
         let tls = match broker.is_tls {
             true => Some(trusting(broker)?),
             false => None,
@@ -73,7 +73,7 @@ impl Dial {
     }
 
     /// How far it came.
-    pub(super) fn reached(&self) -> Reached {
+    pub(crate) fn reached(&self) -> Reached {
         let reached = self.reached.lock();
         reached.unwrap_or_else(PoisonError::into_inner).clone()
     }
@@ -82,7 +82,7 @@ impl Dial {
     ///
     /// # Errors
     /// There is no way; [`Dial::reached`] has the reason.
-    pub(super) async fn connect(self) -> io::Result<Stream> {
+    pub(crate) async fn connect(self) -> io::Result<Stream> {
         let (end, reached) = match self.try_to().await {
             Ok(stream) => (Ok(stream), Reached::Yes),
             Err(problem) => {
@@ -128,27 +128,27 @@ impl Dial {
     }
 
     /// Nothing answers there.
-    pub(super) fn unreached(&self, reason: &dyn ToString) -> Problem {
+    pub(crate) fn unreached(&self, reason: &dyn ToString) -> Problem {
         self.about(Problem::new(codes::BROKER_UNREACHED), reason)
     }
 
     /// One of both sides does not trust the other.
-    pub(super) fn untrusted(&self, reason: &dyn ToString) -> Problem {
+    pub(crate) fn untrusted(&self, reason: &dyn ToString) -> Problem {
         self.about(Problem::new(codes::BROKER_TLS), reason)
     }
 
     /// Name and password are not accepted.
-    pub(super) fn unknown(&self, reason: &dyn ToString) -> Problem {
+    pub(crate) fn unknown(&self, reason: &dyn ToString) -> Problem {
         self.about(Problem::new(codes::BROKER_LOGIN), reason)
     }
 
     /// The broker does not want it for another reason.
-    pub(super) fn refused(&self, reason: &dyn ToString) -> Problem {
+    pub(crate) fn refused(&self, reason: &dyn ToString) -> Problem {
         self.about(Problem::new(codes::BROKER_REFUSED), reason)
     }
 
     /// The broker does not allow a topic.
-    pub(super) fn forbidden(&self, topic: &str) -> Problem {
+    pub(crate) fn forbidden(&self, topic: &str) -> Problem {
         let problem = Problem::new(codes::BROKER_TOPIC).with("topic", topic);
         self.about(problem, &"not authorized")
     }
@@ -156,7 +156,7 @@ impl Dial {
 
 /// What TLS says, if an error came from it: a broker that wants another certificate says so after
 /// its side of the handshake.
-pub(super) fn tls_reason(error: &(dyn Error + 'static)) -> Option<String> {
+pub(crate) fn tls_reason(error: &(dyn Error + 'static)) -> Option<String> {
     let mut next = Some(error);
     while let Some(error) = next {
         if let Some(found) = error.downcast_ref::<rustls::Error>() {
