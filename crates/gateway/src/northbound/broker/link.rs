@@ -4,11 +4,11 @@
 use super::WINDOW;
 use super::dial::{Dial, Reached, tls_reason};
 use super::message::{Message, Received, Verdict};
+use super::numbers::Numbers;
 use hyper::body::Bytes;
 use railbus_api::problem::Problem;
 use rumqttc_v5 as v5;
 use rumqttc_v311 as v311;
-use std::collections::{BTreeMap, VecDeque};
 use std::error::Error;
 use std::fmt;
 use std::time::Duration;
@@ -66,14 +66,26 @@ impl fmt::Debug for Login {
     }
 }
 
+/// Topics that are to come.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Filter {
+    pub(crate) topic: String,
+    /// With what the broker keeps there. Else it is left out where the broker can be told so.
+    pub(crate) with_kept: bool,
+}
+
 /// What comes from the broker.
 #[derive(Debug)]
 pub(crate) enum Heard {
     Message(Received),
     /// What it says of the message with this number.
     Taken(u64, Verdict),
+    /// What was subscribed comes from now on.
+    Subscribed,
     /// It lets nothing come from where commands are to come from.
     NotSubscribed,
+    /// It has every message up to this number, also those that are delivered at most once.
+    Arrived(u64),
 }
 
 /// Why there is no connection any more.
@@ -108,37 +120,6 @@ enum Loop {
     ThreeOne(Box<v311::EventLoop>),
 }
 
-/// The numbers of messages by the packets in which they went out, in their order.
-#[derive(Debug, Default)]
-pub(crate) struct Numbers {
-    waiting: VecDeque<u64>,
-    flying: BTreeMap<u16, u64>,
-}
-
-impl Numbers {
-    /// A message was handed over.
-    fn handed(&mut self, number: u64) {
-        self.waiting.push_back(number);
-    }
-
-    /// The next of them went out in this packet; one without a number needs no acknowledgement.
-    fn went(&mut self, packet: u16) -> Option<u64> {
-        let number = self.waiting.pop_front()?;
-        match packet {
-            0 => Some(number),
-            packet => {
-                self.flying.insert(packet, number);
-                None
-            }
-        }
-    }
-
-    /// The broker has a packet.
-    fn acknowledged(&mut self, packet: u16) -> Option<u64> {
-        self.flying.remove(&packet)
-    }
-}
-
 /// What happens on a connection.
 #[derive(Debug)]
 pub(crate) enum Step {
@@ -147,7 +128,11 @@ pub(crate) enum Step {
     Went(u16),
     /// The broker has a packet, or refuses it.
     Acknowledged(u16, Verdict),
+    Subscribed,
     NotSubscribed,
+    /// It was asked whether everything arrived, and has answered: [`Sender::ask`].
+    Asked(u16),
+    Answered(u16),
     /// Something else, such as what keeps the connection alive.
     Other,
 }
@@ -249,19 +234,23 @@ fn three_one(dial: &Dial, login: Login) -> (Client, Loop) {
 }
 
 impl Sender {
-    /// Has these topics come: not what the broker kept, where it can be told so.
+    /// Has these topics come.
     ///
     /// # Errors
     /// The connection is no more.
-    pub(crate) fn subscribe(&self, filters: &[String]) -> Result<(), String> {
+    pub(crate) fn subscribe(&self, filters: &[Filter]) -> Result<(), String> {
         match &self.client {
             Client::Five(client) => {
                 use v5::QoS;
                 use v5::RetainForwardRule;
                 let filters = filters.iter().map(|filter| {
-                    v5::SubscribeFilterInput::new(filter.as_str(), QoS::AtLeastOnce)
+                    let rule = match filter.with_kept {
+                        true => RetainForwardRule::OnEverySubscribe,
+                        false => RetainForwardRule::Never,
+                    };
+                    v5::SubscribeFilterInput::new(filter.topic.as_str(), QoS::AtLeastOnce)
                         .preserve_retain(true)
-                        .retain_forward_rule(RetainForwardRule::Never)
+                        .retain_forward_rule(rule)
                 });
                 let filters: Vec<_> = filters.collect();
                 let end = client.try_subscribe_many(filters);
@@ -270,10 +259,31 @@ impl Sender {
             Client::ThreeOne(client) => {
                 use v311::QoS;
                 let filters = filters.iter().map(|filter| {
-                    v311::SubscribeFilterInput::new(filter.as_str(), QoS::AtLeastOnce)
+                    v311::SubscribeFilterInput::new(filter.topic.as_str(), QoS::AtLeastOnce)
                 });
                 let filters: Vec<_> = filters.collect();
                 let end = client.try_subscribe_many(filters);
+                end.map_err(|error| error.to_string())
+            }
+        }
+    }
+
+    /// Asks the broker whether everything before this arrived: [`Heard::Arrived`]. It takes the
+    /// packets of a connection in their order, and answers this one in every case (MQTT 5,
+    /// section 3.10.4). A ping would not do: there is none while something else is sent.
+    ///
+    /// # Errors
+    /// The connection is no more.
+    pub(crate) fn ask(&self) -> Result<(), String> {
+        /// Nothing was ever subscribed there.
+        const NOTHING: &str = "railbus/arrived";
+        match &self.client {
+            Client::Five(client) => {
+                let end = client.try_unsubscribe(NOTHING);
+                end.map_err(|error| error.to_string())
+            }
+            Client::ThreeOne(client) => {
+                let end = client.try_unsubscribe(NOTHING);
                 end.map_err(|error| error.to_string())
             }
         }
@@ -340,8 +350,17 @@ impl Sender {
     pub(crate) fn heard(&mut self, step: Step) -> Option<Heard> {
         match step {
             Step::Message(message) => Some(Heard::Message(message)),
+            Step::Subscribed => Some(Heard::Subscribed),
             Step::NotSubscribed => Some(Heard::NotSubscribed),
             Step::Other => None,
+            Step::Asked(packet) => {
+                self.numbers.asked(packet);
+                None
+            }
+            Step::Answered(packet) => {
+                let number = self.numbers.answered(packet)?;
+                Some(Heard::Arrived(number))
+            }
             Step::Went(packet) => {
                 let number = self.numbers.went(packet)?;
                 Some(Heard::Taken(number, Verdict::Taken))
@@ -359,6 +378,23 @@ impl Sender {
         match &self.client {
             Client::Five(client) => _ = client.try_disconnect(),
             Client::ThreeOne(client) => _ = client.try_disconnect(),
+        }
+    }
+
+    /// The same where the will may be published: version 5 can say so.
+    pub(crate) fn disconnect_with_will(&self) {
+        match &self.client {
+            Client::Five(client) => {
+                let reason = v5::DisconnectReasonCode::DisconnectWithWillMessage;
+                let properties = v5::DisconnectProperties {
+                    session_expiry_interval: None,
+                    reason_string: None,
+                    user_properties: Vec::new(),
+                    server_reference: None,
+                };
+                _ = client.try_disconnect_with_properties(reason, properties);
+            }
+            Client::ThreeOne(_) => self.disconnect(),
         }
     }
 }
@@ -527,9 +563,14 @@ fn step_five(event: v5::Event) -> Option<Step> {
             let is_good = |code: &v5::SubscribeReasonCode| {
                 matches!(code, v5::SubscribeReasonCode::Success(_))
             };
-            (!ack.return_codes.iter().all(is_good)).then_some(Step::NotSubscribed)
+            match ack.return_codes.iter().all(is_good) {
+                true => Some(Step::Subscribed),
+                false => Some(Step::NotSubscribed),
+            }
         }
         v5::Event::Outgoing(v5::Outgoing::Publish(packet)) => Some(Step::Went(packet)),
+        v5::Event::Outgoing(v5::Outgoing::Unsubscribe(packet)) => Some(Step::Asked(packet)),
+        v5::Event::Incoming(v5::Packet::UnsubAck(ack)) => Some(Step::Answered(ack.pkid)),
         _ => None,
     }
 }
@@ -551,9 +592,14 @@ fn step_three_one(event: v311::Event) -> Option<Step> {
             let is_good = |code: &v311::SubscribeReasonCode| {
                 matches!(code, v311::SubscribeReasonCode::Success(_))
             };
-            (!ack.return_codes.iter().all(is_good)).then_some(Step::NotSubscribed)
+            match ack.return_codes.iter().all(is_good) {
+                true => Some(Step::Subscribed),
+                false => Some(Step::NotSubscribed),
+            }
         }
         v311::Event::Outgoing(v311::Outgoing::Publish(packet)) => Some(Step::Went(packet)),
+        v311::Event::Outgoing(v311::Outgoing::Unsubscribe(packet)) => Some(Step::Asked(packet)),
+        v311::Event::Incoming(v311::Packet::UnsubAck(ack)) => Some(Step::Answered(ack.pkid)),
         _ => None,
     }
 }
@@ -588,20 +634,5 @@ mod tests {
         };
         let told = format!("{login:?}");
         assert!(told.contains("anna") && !told.contains("sword"), "{told}");
-    }
-
-    #[test]
-    fn a_message_is_known_by_the_packet_in_which_it_went() {
-        let mut numbers = Numbers::default();
-        for number in [7, 8, 9] {
-            numbers.handed(number);
-        }
-        assert_eq!(numbers.went(1), None);
-        assert_eq!(numbers.went(0), Some(8), "at most once");
-        assert_eq!(numbers.went(2), None);
-        assert_eq!(numbers.acknowledged(2), Some(9));
-        assert_eq!(numbers.acknowledged(2), None);
-        assert_eq!(numbers.acknowledged(1), Some(7));
-        assert_eq!(numbers.went(3), None, "of somebody else");
     }
 }

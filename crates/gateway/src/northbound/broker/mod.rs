@@ -2,7 +2,7 @@
 //!
 //! - The settings, and how they stand in the form: `settings`, `fields`.
 //! - TCP and TLS: `dial`. Both versions of the protocol: `link`. What goes there and comes from
-//!   there: `message`.
+//!   there: `message`. Which of it went in which packet: `numbers`.
 //! - How a connection is made, tried and made again: `session`. Whether the program stood still
 //!   meanwhile: `alive`.
 
@@ -11,6 +11,7 @@ mod dial;
 pub(super) mod fields;
 pub(super) mod link;
 pub(super) mod message;
+mod numbers;
 pub(super) mod session;
 pub(super) mod settings;
 

@@ -31,10 +31,11 @@ pub(crate) fn login(outlet: &Outlet, broker: &Broker, will: Option<Message>) -> 
 }
 
 /// A connection in a version that the broker speaks. Where that has to be found out, it is each
-/// time: a broker that hung up on version 5 once may only have been busy.
+/// time: a broker that hung up on version 5 once may only have been busy. Each try has a login of
+/// its own; of two tries the first one has reached the broker.
 pub(crate) async fn connected(
     broker: Broker,
-    login: Login,
+    mut login: impl FnMut() -> Login,
 ) -> Result<(Version, Sender, Receiver, Option<usize>), Problem> {
     let versions: &[Version] = match broker.spoken {
         Spoken::Five => &[Version::Five],
@@ -44,7 +45,7 @@ pub(crate) async fn connected(
     let mut first = None;
     for version in versions {
         let dial = Dial::new(&broker)?;
-        match link::connect(*version, dial, login.clone()).await {
+        match link::connect(*version, dial, login()).await {
             Ok((sender, receiver, limit)) => return Ok((*version, sender, receiver, limit)),
             // The broker's other answer says more than that it does not know the first version.
             Err(broken) if first.is_some() || !broken.is_of_version => {
@@ -83,7 +84,7 @@ pub(crate) async fn test(outlet: Outlet, broker: Broker) -> Result<String, Probl
     // The broker would end the connection of the run otherwise.
     login.client_id.push_str("-test");
     let is_tls = broker.is_tls;
-    let (version, sender, mut receiver, _) = connected(broker, login).await?;
+    let (version, sender, mut receiver, _) = connected(broker, || login.clone()).await?;
     let mut words = vec![format!("MQTT {}", version.name())];
     if is_tls {
         words.push("TLS".to_owned());

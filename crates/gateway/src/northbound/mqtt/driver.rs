@@ -8,7 +8,7 @@ use super::settings;
 use super::told::OFFLINE;
 use super::topics::Topics;
 use super::turns::Turns;
-use crate::northbound::broker::link::{self, Heard, Login, Receiver, Sender, Step};
+use crate::northbound::broker::link::{self, Filter, Heard, Login, Receiver, Sender, Step};
 use crate::northbound::broker::message::{Message, Verdict};
 use crate::northbound::broker::session::{connected, pump, wait};
 use crate::northbound::broker::settings::Broker;
@@ -154,7 +154,8 @@ impl Driver {
         let mut tries = 0;
         loop {
             let begun = Instant::now();
-            let connecting = pin!(connected(self.broker(), self.login()));
+            let login = self.login();
+            let connecting = pin!(connected(self.broker(), || login.clone()));
             let connection = tokio::select! {
                 () = &mut stopped => return,
                 end = self.meanwhile(connecting) => end,
@@ -315,7 +316,7 @@ impl Driver {
                 }
                 Output::Subscribe(filters) => {
                     if let Some((sender, _)) = &mut link {
-                        broken = broken.or(sender.subscribe(&filters).err());
+                        broken = broken.or(sender.subscribe(&unkept(filters)).err());
                     }
                 }
                 Output::Publish(number, message) => {
@@ -485,6 +486,8 @@ impl Driver {
                 let topic = self.flying.remove(&number);
                 topic.filter(|_| verdict == Verdict::Refused)
             }
+            // Every message that matters is acknowledged.
+            Some(Heard::Subscribed | Heard::Arrived(_)) => None,
             Some(Heard::NotSubscribed) => Some(self.topics.commands().join(", ")),
         };
         // Once for each connection: it goes on with what is allowed.
@@ -501,6 +504,15 @@ fn is_gone(outlet: &Outlet) -> bool {
     let config = outlet.service.config();
     let now = config.outlets.get(&outlet.name);
     now.is_none_or(|now| now.kind != super::KIND.name)
+}
+
+/// Commands that the broker kept are of another time.
+fn unkept(topics: Vec<String>) -> Vec<Filter> {
+    let filter = |topic| Filter {
+        topic,
+        with_kept: false,
+    };
+    topics.into_iter().map(filter).collect()
 }
 
 /// How the outbox is, once something is new. Can be dropped.
