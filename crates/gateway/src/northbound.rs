@@ -7,6 +7,7 @@
 //! made from what its line says ([`kind`]).
 
 mod broker;
+mod command_end;
 mod kind;
 mod modbus;
 mod modbus_line;

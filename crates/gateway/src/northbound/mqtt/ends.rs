@@ -2,10 +2,11 @@
 
 use super::orders::{Order, Target, Wish};
 use super::turns::Turn;
+use crate::northbound::command_end::CommandEnd;
 use railbus_api::problem::{Problem, codes};
 use railbus_app::api::{ask, control, convert, failures};
 use railbus_device::Point;
-use railbus_host::{Confirmation, Fault};
+use railbus_host::Confirmation;
 use railbus_site::{
     BatchDone, BatchTerms, By, CommandError, CommandKey, GroupState, KeyRefusal, Pulse, PulseDone,
     Service, ToggleTerms, Within, WriteDone, WriteTerms,
@@ -15,53 +16,9 @@ use serde_json::{Value, json};
 use std::time::Duration;
 use tokio::time::Instant;
 
-/// How a command ended, from the best to the worst: what is not known outranks what is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum End {
-    /// Done, and read back from the module.
-    Readback,
-    /// Done, by the module's reply.
-    Reply,
-    /// Sent in a form that gets no reply.
-    Sent,
-    /// It did not act, or was read back otherwise.
-    Failed,
-    /// It may have acted.
-    Unknown,
-}
-
-impl End {
-    const fn name(self) -> &'static str {
-        match self {
-            End::Readback => "readback",
-            End::Reply => "reply",
-            End::Sent => "sent",
-            End::Unknown => "unknown",
-            End::Failed => "failed",
-        }
-    }
-
-    const fn confirmed(confirmed: Confirmation) -> End {
-        match confirmed {
-            Confirmation::Readback => End::Readback,
-            Confirmation::Reply => End::Reply,
-            Confirmation::Sent => End::Sent,
-        }
-    }
-
-    /// The end of a command that was not done. What was read back otherwise is known.
-    const fn of(failure: &CommandError) -> End {
-        match failure {
-            CommandError::Line(Fault::NotVerified) => End::Failed,
-            _ if failure.may_have_acted() => End::Unknown,
-            _ => End::Failed,
-        }
-    }
-}
-
 /// The result of a command that was refused before it was one.
 pub(super) fn refused(problem: Problem) -> Value {
-    failed(End::Failed, problem)
+    failed(CommandEnd::Failed, problem)
 }
 
 /// It is no command, for this reason.
@@ -72,10 +29,10 @@ pub(super) fn wrong(reason: impl Into<String>) -> Problem {
 /// The result of a command whose task panicked.
 pub(super) fn broken(error: &tokio::task::JoinError) -> Value {
     let problem = Problem::new(codes::INTERNAL).with("reason", error.to_string());
-    failed(End::Unknown, problem.perhaps_acted(true))
+    failed(CommandEnd::Unknown, problem.perhaps_acted(true))
 }
 
-fn failed(end: End, mut problem: Problem) -> Value {
+fn failed(end: CommandEnd, mut problem: Problem) -> Value {
     // Which names there are is in `bridge/info`.
     problem.with.remove("known");
     json!({
@@ -98,7 +55,7 @@ fn done(
     took: Micros,
 ) -> Value {
     json!({
-        "end": End::confirmed(confirmed).name(),
+        "end": CommandEnd::confirmed(confirmed).name(),
         "value": value,
         "before": before,
         "may_have_acted": true,
@@ -125,7 +82,7 @@ fn pulsed(pulse: &PulseDone) -> Value {
 /// The result of several outputs: the worst end of any of them, and each of them.
 fn batch(service: &Service, done_so: BatchDone) -> Value {
     let config = service.config();
-    let mut worst: Option<End> = None;
+    let mut worst: Option<CommandEnd> = None;
     let mut first = None;
     let (mut may_have_acted, mut each) = (false, Vec::new());
     for part in done_so.parts {
@@ -133,14 +90,14 @@ fn batch(service: &Service, done_so: BatchDone) -> Value {
         let (end, mut told) = match part.end {
             Ok(ok) => {
                 let states = (ok.value, ok.before);
-                let end = End::confirmed(ok.confirmed);
+                let end = CommandEnd::confirmed(ok.confirmed);
                 (end, done(ok.confirmed, states, &ok.audit, ok.took))
             }
             Err(failure) => {
                 let (module, point) = (&part.place.module, Some(part.place.point));
                 let problem = failures::problem(service, module, point, &failure);
                 first = first.or_else(|| Some(problem.code.clone()));
-                let end = End::of(&failure);
+                let end = CommandEnd::of(&failure);
                 (end, failed(end, problem))
             }
         };
@@ -151,7 +108,7 @@ fn batch(service: &Service, done_so: BatchDone) -> Value {
     }
     json!({
         // Of nothing, all is done.
-        "end": worst.unwrap_or(End::Readback).name(),
+        "end": worst.unwrap_or(CommandEnd::Readback).name(),
         "code": first,
         "may_have_acted": may_have_acted,
         "undone": done_so.undone,
@@ -199,8 +156,8 @@ pub(super) async fn carry_out(
     let end = service.once(key, work).await;
     end.unwrap_or_else(|refusal| {
         let end = match refusal {
-            KeyRefusal::Begun => End::Unknown,
-            _ => End::Failed,
+            KeyRefusal::Begun => CommandEnd::Unknown,
+            _ => CommandEnd::Failed,
         };
         failed(end, of_key(&refusal))
     })
@@ -262,7 +219,7 @@ async fn carried(service: &Service, order: &Order, within: Within) -> Value {
             })
         }
     };
-    told.unwrap_or_else(|(failure, problem)| failed(End::of(&failure), problem))
+    told.unwrap_or_else(|(failure, problem)| failed(CommandEnd::of(&failure), problem))
 }
 
 const fn terms(order: &Order, within: Within) -> BatchTerms {
@@ -487,31 +444,5 @@ mod tests {
         assert!(early.is_err(), "the first one has not begun");
         drop(first);
         let _begun = after.await.unwrap();
-    }
-
-    #[test]
-    fn what_is_not_known_outranks_what_failed() {
-        let ends = [
-            End::Readback,
-            End::Reply,
-            End::Sent,
-            End::Failed,
-            End::Unknown,
-        ];
-        assert!(ends.is_sorted());
-        assert_eq!(
-            Some(End::Failed).max(Some(End::Unknown)),
-            Some(End::Unknown)
-        );
-    }
-
-    #[test]
-    fn what_was_read_back_otherwise_is_known() {
-        let of = |failure: CommandError| End::of(&failure);
-        assert_eq!(of(CommandError::Line(Fault::NotVerified)), End::Failed);
-        assert_eq!(of(CommandError::Line(Fault::Unknown)), End::Unknown);
-        assert_eq!(of(CommandError::Line(Fault::Expired)), End::Failed);
-        assert_eq!(of(CommandError::NotUndone), End::Unknown);
-        assert_eq!(of(CommandError::Playing), End::Failed);
     }
 }
