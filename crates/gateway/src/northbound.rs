@@ -21,6 +21,7 @@ pub(super) mod routes;
 mod run;
 mod secrets;
 mod settings;
+mod sparkplug;
 mod supervisor;
 #[cfg(test)]
 mod tests;
@@ -47,6 +48,7 @@ static NORTHBOUND: &[&OutletKind] = &[
     &modbus_rtu::KIND,
     &modbus_line::KIND,
     &mqtt::KIND,
+    &sparkplug::KIND,
     #[cfg(test)]
     &textline::KIND,
 ];

@@ -314,7 +314,9 @@ fn a_kind_is_one_folder_and_one_line() {
             .filter(|path| !path.starts_with(&own) && **path != tests)
         {
             let text = std::fs::read_to_string(path).unwrap();
-            let named = text.lines().filter(|line| line.contains(kind.name));
+            // The library of all outlets at a broker has the name of one kind in its own.
+            let is_named = |line: &&str| line.replace("rumqttc", "").contains(kind.name);
+            let named = text.lines().filter(is_named);
             let named = named.filter(|text| !line.iter().any(|line| line == text.trim()));
             more.extend(named.map(|line| format!("{}: {line}", path.display())));
         }

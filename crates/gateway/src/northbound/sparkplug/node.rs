@@ -1,0 +1,629 @@
+//! One edge node without sockets or clock: what is published and when, and which commands are
+//! carried out. [`super::driver`] connects it to a broker.
+//!
+//! Messages wait in one queue in the order in which they were made, and get their sequence number
+//! as they are handed over: none that was numbered is dropped. Where too many wait, all of them
+//! give way to new births, which tell everything anew.
+
+use super::backlog::{Backlog, Devices, MissingSpan};
+use super::device::{Device, LastCommand, wall};
+use super::host::{Host, HostChange, HostState};
+use super::payload::{DataType, Metric, MetricValue, Payload};
+use super::topics::{Topic, Topics};
+use crate::northbound::broker::WINDOW;
+use crate::northbound::broker::link::Filter;
+use crate::northbound::broker::message::{Message, Received};
+use crate::northbound::outbox::OutboxState;
+use railbus_device::Point;
+use railbus_host::Presence;
+use railbus_site::{Batch, ModuleStatus, News, Picture, PointStatus, Rights, Within};
+use railbus_store::outbox::Piece;
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::sync::Arc;
+use std::time::{Duration, SystemTime};
+
+mod commands;
+mod connection;
+mod own;
+
+pub(super) use own::death;
+
+use connection::{Link, Phase, Queued};
+use own::{answering, missing_metrics, node_metrics};
+
+/// How many messages wait before all of them give way to new births.
+const QUEUE_MAX: usize = 4_096;
+/// So many messages of now for one of the past, where both wait.
+const LIVE_SHARE: u8 = 4;
+/// How often the broker is asked whether everything arrived.
+const ASK_EVERY: Duration = Duration::from_secs(2);
+/// The longest time in which it answers.
+const ANSWER_MAX: Duration = Duration::from_secs(10);
+
+/// The time, by both clocks.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Now {
+    /// Since any fixed moment.
+    pub(super) steady: Duration,
+    /// In milliseconds since 1970.
+    pub(super) wall: u64,
+}
+
+/// A command that is to be carried out.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Job {
+    pub(super) device: String,
+    pub(super) label: String,
+    pub(super) on: bool,
+    pub(super) within: Within,
+}
+
+/// How a command ended.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct JobEnd {
+    pub(super) device: String,
+    pub(super) label: String,
+    pub(super) end: &'static str,
+    /// Why it was not done; empty if it was.
+    pub(super) code: String,
+}
+
+/// What happens to it.
+#[derive(Debug)]
+pub(super) enum Input<'i> {
+    /// Something is known of the site.
+    News(&'i News),
+    /// The broker has accepted the connection whose will has this number.
+    Connected(u8),
+    /// Commands, and the state of the primary host, come from now on, as far as the broker allows.
+    Subscribed,
+    /// The connection is no more.
+    Lost,
+    /// A message has come.
+    Received(Received),
+    /// A command has ended.
+    Ended(JobEnd),
+    /// A message of this number went out, or the broker has it if it is acknowledged.
+    Went(u64),
+    /// The broker has every message up to this number.
+    Arrived(u64),
+    /// So much is in the outbox.
+    Stored(OutboxState),
+    /// What was read of it; none if it could not be.
+    Read(Option<(Arc<str>, Piece)>),
+    /// It is to end.
+    Stop,
+}
+
+/// What is to be done.
+#[derive(Debug, PartialEq)]
+pub(super) enum Output {
+    /// These are to come.
+    Subscribe(Vec<Filter>),
+    /// A message is to be published; [`Input::Went`] has its number.
+    Publish(u64, Message),
+    /// The broker is to be asked whether everything arrived: [`Input::Arrived`].
+    Ask,
+    /// A command is to be carried out: [`Input::Ended`].
+    Carry(Job),
+    /// The births are on their way.
+    Online,
+    /// What came is wrong, for this reason.
+    Wrong(String),
+    /// What is in the outbox after this number is to be read: [`Input::Read`].
+    Read(u64),
+    /// The broker has what is in the outbox up to this number.
+    Delivered(Arc<str>, u64),
+}
+
+/// What was counted since it was last asked.
+#[derive(Debug, Default, PartialEq, Eq)]
+pub(super) struct Counted {
+    pub(super) sent: u64,
+    pub(super) refused: u64,
+    pub(super) dropped: u64,
+}
+
+/// How an edge node is set up.
+#[derive(Debug)]
+pub(super) struct Setup {
+    /// What the site is called.
+    pub(super) site: String,
+    pub(super) topics: Topics,
+    /// What may be switched.
+    pub(super) rights: Rights,
+    /// It has an outbox.
+    pub(super) has_outbox: bool,
+}
+
+/// The edge node.
+#[derive(Debug)]
+pub(super) struct Node {
+    setup: Setup,
+    devices: Devices,
+    host: Host,
+    link: Option<Link>,
+    backlog: Option<Backlog>,
+    missing: Option<MissingSpan>,
+    /// The time of the newest change that is known.
+    seen: u64,
+    outputs: VecDeque<Output>,
+    under_way: usize,
+    is_ending: bool,
+    counted: Counted,
+}
+
+impl Node {
+    pub(super) fn new(setup: Setup) -> Node {
+        Node {
+            backlog: setup.has_outbox.then(Backlog::default),
+            setup,
+            devices: BTreeMap::new(),
+            host: Host::default(),
+            link: None,
+            missing: None,
+            seen: 0,
+            outputs: VecDeque::new(),
+            under_way: 0,
+            is_ending: false,
+            counted: Counted::default(),
+        }
+    }
+
+    /// Takes what happens.
+    pub(super) fn handle(&mut self, now: Now, input: Input<'_>) {
+        match input {
+            Input::News(News::Picture(picture)) => self.picture(now, picture),
+            Input::News(News::Batch(batch)) => self.batch(now, batch),
+            Input::Connected(bd_seq) => self.connected(now, bd_seq),
+            Input::Subscribed => {
+                if let Some(link) = &mut self.link {
+                    link.is_subscribed = true;
+                }
+                self.bear_if_due(now);
+            }
+            Input::Lost => self.lost(),
+            Input::Received(message) => self.received(now, message),
+            Input::Ended(end) => {
+                self.under_way = self.under_way.saturating_sub(1);
+                self.ended(now, end);
+            }
+            Input::Went(number) => self.went(number),
+            Input::Arrived(number) => self.arrived(number),
+            Input::Stored(state) => {
+                if let Some(backlog) = &mut self.backlog {
+                    backlog.stored(&state);
+                }
+            }
+            Input::Read(piece) => self.read(now, piece),
+            Input::Stop => {
+                self.is_ending = true;
+                self.die();
+            }
+        }
+    }
+
+    /// What is to be done now; none until something happens or [`Node::deadline`].
+    pub(super) fn poll(&mut self, now: Now) -> Option<Output> {
+        if let Some(output) = self.outputs.pop_front() {
+            return Some(output);
+        }
+        if let Some(backlog) = &mut self.backlog
+            && let Some(after) = backlog.next_read(now.steady, &self.devices)
+        {
+            return Some(Output::Read(after));
+        }
+        let link = self.link.as_mut()?;
+        if link.phase == Phase::Born
+            && link.arrived < link.went
+            && link.asked.is_none()
+            && link.ask_at <= now.steady
+        {
+            link.asked = Some(now.steady);
+            link.ask_at = now.steady + ASK_EVERY;
+            return Some(Output::Ask);
+        }
+        let in_flight = link.handed.saturating_sub(link.went);
+        if in_flight >= WINDOW as u64 {
+            return None;
+        }
+        match link.phase {
+            Phase::Waiting | Phase::Dead | Phase::Dying(Some(_)) => None,
+            Phase::Dying(None) => {
+                link.handed += 1;
+                link.phase = Phase::Dying(Some(link.handed));
+                link.asked = Some(now.steady);
+                let message = death(&self.setup.topics, link.bd_seq);
+                Some(Output::Publish(link.handed, message))
+            }
+            Phase::Born => self.next(now),
+        }
+    }
+
+    /// The next message of a node that is born.
+    fn next(&mut self, now: Now) -> Option<Output> {
+        let link = self.link.as_mut()?;
+        // Nothing of the past before the birth of its device.
+        let is_live = link.births > 0 || (link.live < LIVE_SHARE && !link.queue.is_empty());
+        let past = match &mut self.backlog {
+            Some(backlog) if !is_live => backlog.next(&self.devices),
+            _ => None,
+        };
+        let (queued, entries) = match past {
+            Some(past) => {
+                link.live = 0;
+                let queued = Queued {
+                    topic: self.setup.topics.device("DDATA", &past.device),
+                    payload: Payload {
+                        metrics: past.metrics,
+                        ..Payload::default()
+                    },
+                    is_birth: false,
+                    seen: 0,
+                };
+                (queued, past.entries)
+            }
+            None => {
+                link.live = link.live.saturating_add(1).min(LIVE_SHARE);
+                let queued = link.queue.pop_front()?;
+                if queued.is_birth {
+                    link.births -= 1;
+                }
+                (queued, Vec::new())
+            }
+        };
+        link.handed += 1;
+        let payload = Payload {
+            timestamp: Some(now.wall),
+            seq: Some(u64::from(link.seq)),
+            ..queued.payload
+        };
+        link.seq = link.seq.wrapping_add(1);
+        let next = link.queue.front();
+        let until = next.map_or(self.seen, |next| next.seen.saturating_sub(1));
+        link.mark(until);
+        if let Some(backlog) = &mut self.backlog {
+            backlog.sent(&entries, link.handed);
+        }
+        let message = Message {
+            topic: queued.topic,
+            payload: payload.bytes(),
+            is_retained: false,
+            is_sure: false,
+            correlation: None,
+        };
+        Some(Output::Publish(link.handed, message))
+    }
+
+    /// When to poll at the latest.
+    pub(super) fn deadline(&self) -> Option<Duration> {
+        let link = self.link.as_ref();
+        let asks = link.filter(|link| link.phase == Phase::Born && link.arrived < link.went);
+        let asks = asks
+            .filter(|link| link.asked.is_none())
+            .map(|link| link.ask_at);
+        let stuck = link.and_then(|link| link.asked).map(|at| at + ANSWER_MAX);
+        let backlog = self.backlog.as_ref().and_then(Backlog::deadline);
+        [asks, stuck, backlog].into_iter().flatten().min()
+    }
+
+    /// Whether the broker has not answered for so long that the connection is of no use: what
+    /// others read there is old.
+    pub(super) fn is_stuck(&self, now: Now) -> bool {
+        let asked = self.link.as_ref().and_then(|link| link.asked);
+        asked.is_some_and(|at| at + ANSWER_MAX <= now.steady)
+    }
+
+    /// Whether the connection is to be ended: the broker knows that the node is dead.
+    pub(super) fn is_dead(&self) -> bool {
+        let phase = self.link.as_ref().map(|link| link.phase);
+        match phase {
+            Some(Phase::Dead) => true,
+            // Nobody was told that it lives.
+            Some(Phase::Waiting) => self.is_ending,
+            _ => false,
+        }
+    }
+
+    /// How many messages and commands wait, are under way, or are not known to have arrived.
+    pub(super) fn waiting(&self) -> usize {
+        let unknown = |link: &Link| usize::try_from(link.handed.saturating_sub(link.arrived));
+        let queued = self.link.as_ref().map_or(0, |link| {
+            link.queue.len() + unknown(link).unwrap_or_default()
+        });
+        let behind = self.backlog.as_ref().map_or(0, Backlog::behind);
+        let behind = usize::try_from(behind).unwrap_or(usize::MAX);
+        (queued + self.under_way).saturating_add(behind)
+    }
+
+    /// What was counted since this was last called.
+    pub(super) fn counted(&mut self) -> Counted {
+        if let Some(backlog) = &mut self.backlog {
+            self.counted.dropped += backlog.dropped();
+        }
+        std::mem::take(&mut self.counted)
+    }
+
+    fn connected(&mut self, now: Now, bd_seq: u8) {
+        self.lost();
+        self.host.begin();
+        self.link = Some(Link::new(now, bd_seq, self.seen));
+        let filters = self.setup.topics.filters();
+        self.outputs.push_back(Output::Subscribe(filters));
+    }
+
+    /// Tells of everything once there is somebody who hears it, and who can ask for it again.
+    fn bear_if_due(&mut self, now: Now) {
+        let is_host_there = self.setup.topics.host.is_none() || self.host.is_online();
+        let is_due = self
+            .link
+            .as_ref()
+            .is_some_and(|link| link.is_subscribed && link.phase == Phase::Waiting);
+        if is_due && is_host_there && !self.is_ending {
+            self.bear(now);
+        }
+    }
+
+    fn lost(&mut self) {
+        self.link = None;
+        // What was to be done on that connection is due again with the next one.
+        let is_of_link = |output: &Output| matches!(output, Output::Subscribe(_) | Output::Online);
+        self.outputs.retain(|output| !is_of_link(output));
+        self.devices.values_mut().for_each(Device::unborn);
+        if let Some(backlog) = &mut self.backlog {
+            backlog.lost();
+        }
+    }
+
+    /// Tells everything anew: the node and every device that answers, in one block.
+    fn bear(&mut self, now: Now) {
+        let Some(link) = &mut self.link else {
+            return;
+        };
+        // What was told on this connection and has nothing before it that is dropped now is known.
+        let is_known = link.phase == Phase::Born && link.queue.is_empty();
+        link.queue.clear();
+        (link.births, link.seq, link.phase) = (0, 0, Phase::Born);
+        let online = self.devices.values().filter(|device| device.is_online);
+        let metrics = node_metrics(&self.setup, link.bd_seq, online.count(), self.missing, now);
+        let topic = self.setup.topics.node("NBIRTH");
+        link.push(topic, metrics, true);
+        for (name, device) in &mut self.devices {
+            device.unborn();
+            if device.is_online {
+                let topic = self.setup.topics.device("DBIRTH", name);
+                link.push(topic, device.birth(&self.setup.rights, now.wall), true);
+            }
+        }
+        match &mut self.backlog {
+            Some(backlog) if is_known => backlog.born(),
+            Some(backlog) => backlog.live_from(self.seen + 1),
+            None => {}
+        }
+        self.outputs.push_back(Output::Online);
+    }
+
+    /// Says that the node is dead, if somebody was told that it lives.
+    fn die(&mut self) {
+        if let Some(link) = &mut self.link
+            && link.phase == Phase::Born
+        {
+            link.queue.clear();
+            (link.births, link.phase) = (0, Phase::Dying(None));
+        }
+    }
+
+    fn went(&mut self, number: u64) {
+        let Some(link) = &mut self.link else {
+            return;
+        };
+        link.went = link.went.max(number);
+        self.counted.sent += 1;
+        if link.phase == Phase::Dying(Some(number)) {
+            // It was acknowledged, and what went before it has arrived as well.
+            link.phase = Phase::Dead;
+            self.arrived(number);
+        }
+    }
+
+    fn arrived(&mut self, number: u64) {
+        let Some(link) = &mut self.link else {
+            return;
+        };
+        link.asked = None;
+        link.arrived = link.arrived.max(number);
+        let mut until = None;
+        while let Some((last, seen)) = link.marks.front().copied()
+            && last <= number
+        {
+            until = Some(seen);
+            link.marks.pop_front();
+        }
+        if let Some(backlog) = &mut self.backlog {
+            if let Some(until) = until {
+                backlog.live_until(until);
+            }
+            backlog.arrived(number);
+        }
+        self.delivered();
+    }
+
+    /// The outbox need not keep what the broker has.
+    fn delivered(&mut self) {
+        if let Some(backlog) = &mut self.backlog
+            && let Some((epoch, to)) = backlog.delivered(&self.devices)
+        {
+            self.outputs.push_back(Output::Delivered(epoch, to));
+        }
+    }
+
+    fn read(&mut self, now: Now, piece: Option<(Arc<str>, Piece)>) {
+        let Some(backlog) = &mut self.backlog else {
+            return;
+        };
+        backlog.read(now.steady, piece);
+        if let Some(missing) = backlog.missing() {
+            self.missing = Some(missing);
+            self.tell_node(missing_metrics(Some(missing), now));
+        }
+        // What was told live has arrived before it was on the disk.
+        self.delivered();
+    }
+
+    /// Tells metrics of the node itself.
+    fn tell_node(&mut self, metrics: impl IntoIterator<Item = (Metric, DataType)>) {
+        let topic = self.setup.topics.node("NDATA");
+        if let Some(link) = self.link.as_mut().filter(|link| link.phase == Phase::Born) {
+            let metrics = metrics.into_iter().map(|(metric, _)| metric).collect();
+            link.push(topic, metrics, false);
+        }
+    }
+
+    fn picture(&mut self, now: Now, picture: &Picture) {
+        let was_online = self.online();
+        self.saw(picture.at);
+        let mut gone: BTreeSet<String> = self.devices.keys().cloned().collect();
+        let mut points: BTreeMap<&str, BTreeSet<Point>> = BTreeMap::new();
+        for module in &picture.modules {
+            if self.setup.topics.has(&module.name) {
+                gone.remove(&module.name);
+                points.insert(&module.name, BTreeSet::new());
+                self.devices.entry(module.name.clone()).or_default();
+            }
+        }
+        let mut changed = BTreeMap::new();
+        for status in &picture.points {
+            if let Some(points) = points.get_mut(&*status.module) {
+                points.insert(status.point);
+                self.point(now, status, picture.at, &mut changed);
+            }
+        }
+        for (name, its) in points {
+            if let Some(device) = self.devices.get_mut(name) {
+                device.keep(|point| its.contains(&point));
+            }
+        }
+        for name in gone {
+            self.bury(&name);
+            self.devices.remove(&name);
+        }
+        self.modules(&picture.modules);
+        self.tell(now, changed, was_online);
+    }
+
+    fn batch(&mut self, now: Now, batch: &Batch) {
+        let was_online = self.online();
+        let mut changed = BTreeMap::new();
+        for reading in &batch.points {
+            self.saw(reading.at);
+            self.point(now, &reading.status, reading.at, &mut changed);
+        }
+        self.modules(&batch.modules);
+        self.tell(now, changed, was_online);
+    }
+
+    /// A change of this time is known.
+    fn saw(&mut self, at: SystemTime) {
+        self.seen = self.seen.max(wall(at));
+        if let Some(link) = &mut self.link {
+            link.seen = self.seen;
+        }
+    }
+
+    /// A point is like this. A device that lives tells each change, also of several at once.
+    fn point(
+        &mut self,
+        now: Now,
+        status: &PointStatus,
+        at: SystemTime,
+        changed: &mut BTreeMap<String, Vec<Metric>>,
+    ) {
+        let Some(device) = self.devices.get_mut(&status.module) else {
+            return;
+        };
+        let is_new = device.point(status, at);
+        if is_new && device.born.is_some() {
+            let metric = device.metric(status.point, now.wall);
+            let its = changed.entry(status.module.clone()).or_default();
+            its.extend(metric);
+        }
+    }
+
+    fn modules(&mut self, modules: &[ModuleStatus]) {
+        for module in modules {
+            if let Some(device) = self.devices.get_mut(&module.name) {
+                device.is_online = module.presence == Presence::Online;
+            }
+        }
+    }
+
+    fn online(&self) -> usize {
+        let online = self.devices.values().filter(|device| device.is_online);
+        online.count()
+    }
+
+    /// Tells what has changed: births, deaths, and data of those that live.
+    fn tell(&mut self, now: Now, mut changed: BTreeMap<String, Vec<Metric>>, was_online: usize) {
+        let Some(link) = self.link.as_mut().filter(|link| link.phase == Phase::Born) else {
+            return;
+        };
+        let (topics, rights) = (&self.setup.topics, &self.setup.rights);
+        let mut has_births = false;
+        for (name, device) in &mut self.devices {
+            let is_other = |born: &Vec<_>| *born != device.definitions(rights);
+            let is_born = device.born.is_some();
+            let is_other = device.born.as_ref().is_some_and(is_other);
+            if is_born && (!device.is_online || is_other) {
+                device.unborn();
+                link.push(topics.device("DDEATH", name), Vec::new(), false);
+            }
+            if device.is_online && device.born.is_none() {
+                let metrics = device.birth(rights, now.wall);
+                link.push(topics.device("DBIRTH", name), metrics, true);
+                has_births = true;
+            } else if device.born.is_some()
+                && let Some(metrics) = changed.remove(name)
+            {
+                link.push(topics.device("DDATA", name), metrics, false);
+            }
+        }
+        if link.queue.is_empty() {
+            link.mark(self.seen);
+        }
+        if has_births && let Some(backlog) = &mut self.backlog {
+            backlog.born();
+        }
+        let online = self.online();
+        if online != was_online {
+            self.tell_node([answering(online, now)]);
+        }
+        self.shorten(now);
+    }
+
+    /// A device is no more.
+    fn bury(&mut self, name: &str) {
+        let topic = self.setup.topics.device("DDEATH", name);
+        if let Some(device) = self.devices.get_mut(name)
+            && device.born.is_some()
+            && let Some(link) = &mut self.link
+        {
+            device.unborn();
+            link.push(topic, Vec::new(), false);
+        }
+    }
+
+    /// Where the broker is slower than the site, what waits gives way to how everything is now.
+    fn shorten(&mut self, now: Now) {
+        let queued = self.link.as_ref().map_or(0, |link| link.queue.len());
+        if queued > QUEUE_MAX {
+            // With an outbox what was dropped comes later, as the past.
+            if self.backlog.is_none() {
+                self.counted.dropped += queued as u64;
+            }
+            self.bear(now);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

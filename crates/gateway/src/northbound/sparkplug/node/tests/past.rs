@@ -1,0 +1,309 @@
+//! What changes while nobody is told.
+
+use super::*;
+
+#[tokio::test]
+async fn what_changes_while_the_broker_is_away_comes_as_the_past() {
+    let mut stage = Stage::connected(true).await;
+    stage.happens("oven.k1", true, PointQuality::Good);
+    stage.stored();
+    stage.answer();
+    assert_eq!(
+        stage.delivered,
+        [2],
+        "all of it was told live, or in the birth"
+    );
+    stage.handle(Input::Lost);
+    for on in [false, true, false] {
+        stage.happens("oven.k1", on, PointQuality::Good);
+    }
+    stage.happens("oven.k1", false, PointQuality::Stale);
+    stage.stored();
+    stage.settle();
+    stage.handle(Input::Connected(8));
+    stage.handle(Input::Subscribed);
+    let told = stage.settle();
+    let at = |back: u64| stage.now - BEGIN - back;
+    assert_eq!(told[..2], ["NBIRTH", "DBIRTH oven"]);
+    let past = format!(
+        "DDATA oven k1=false@{} k1=true@{} k1=false@{} k1=false/500@{}",
+        at(3),
+        at(2),
+        at(1),
+        at(0)
+    );
+    assert_eq!(told[2..], [past]);
+    stage.happens("oven.k1", true, PointQuality::Good);
+    stage.stored();
+    assert_eq!(stage.settle(), ["DDATA oven k1=true/192"]);
+    stage.answer();
+    assert_eq!(stage.delivered, [2, 7]);
+    assert_eq!(stage.settle(), [""; 0]);
+}
+
+#[tokio::test]
+async fn what_arrived_before_it_was_on_the_disk_is_delivered() {
+    let mut stage = Stage::connected(true).await;
+    stage.stored();
+    stage.settle();
+    stage.answer();
+    assert_eq!(stage.delivered, [1], "it was before the births");
+    stage.happens("oven.k1", true, PointQuality::Good);
+    stage.settle();
+    stage.answer();
+    stage.stored();
+    stage.settle();
+    assert_eq!(stage.delivered, [1, 2]);
+    assert_eq!(stage.node.waiting(), 0);
+}
+
+#[tokio::test]
+async fn what_did_not_arrive_comes_again() {
+    let mut stage = Stage::connected(true).await;
+    stage.stored();
+    stage.answer();
+    stage.happens("oven.k1", true, PointQuality::Good);
+    stage.stored();
+    assert_eq!(stage.settle(), ["DDATA oven k1=true"]);
+    // The connection is lost before the broker has said that it has it.
+    stage.handle(Input::Lost);
+    stage.handle(Input::Connected(8));
+    stage.handle(Input::Subscribed);
+    let past = format!("DDATA oven k1=true@{}", stage.now - BEGIN);
+    assert_eq!(stage.settle(), ["NBIRTH", "DBIRTH oven", &past]);
+    stage.handle(Input::Lost);
+    stage.handle(Input::Connected(9));
+    stage.handle(Input::Subscribed);
+    assert_eq!(stage.settle(), ["NBIRTH", "DBIRTH oven", &past]);
+    stage.answer();
+    stage.handle(Input::Lost);
+    stage.handle(Input::Connected(10));
+    stage.handle(Input::Subscribed);
+    assert_eq!(stage.settle(), ["NBIRTH", "DBIRTH oven"]);
+}
+
+#[tokio::test]
+async fn the_past_of_a_silent_module_waits_for_it() {
+    let mut stage = Stage::connected(true).await;
+    stage.stored();
+    stage.answer();
+    stage.handle(Input::Lost);
+    stage.happens("oven.k1", true, PointQuality::Good);
+    let first = stage.now - BEGIN;
+    stage.modules(&[("oven", false), ("pump", true)]);
+    stage.happens("pump.do1", true, PointQuality::Good);
+    let second = stage.now - BEGIN;
+    stage.stored();
+    stage.handle(Input::Connected(8));
+    stage.handle(Input::Subscribed);
+    let told = stage.settle();
+    let pump = format!("DDATA pump do1=true@{second}");
+    assert_eq!(told, ["NBIRTH", "DBIRTH pump", &pump]);
+    stage.answer();
+    assert_eq!(
+        stage.delivered.last(),
+        Some(&3),
+        "nothing holds the outbox up"
+    );
+    stage.modules(&[("oven", true)]);
+    let oven = format!("DDATA oven k1=true@{first}");
+    let told = stage.settle();
+    assert_eq!(told, ["DBIRTH oven", &oven, "NDATA Modules/Answering=2"]);
+}
+
+#[tokio::test]
+async fn a_rebirth_brings_nothing_of_the_past_again() {
+    let mut stage = Stage::connected(true).await;
+    stage.happens("oven.k1", true, PointQuality::Good);
+    stage.stored();
+    stage.settle();
+    let rebirth = Metric::new("Node Control/Rebirth", 0, Some(MetricValue::Boolean(true)));
+    stage.command("NCMD/n", &Payload::new(vec![rebirth]));
+    assert_eq!(stage.settle(), ["NBIRTH", "DBIRTH oven"]);
+    stage.answer();
+    assert_eq!(stage.delivered.last(), Some(&2));
+}
+
+#[tokio::test]
+async fn the_past_has_a_fifth_of_the_messages_while_there_is_news() {
+    let mut stage = Stage::connected(true).await;
+    stage.answer();
+    stage.handle(Input::Lost);
+    for round in 0..30 {
+        stage.happens("oven.k1", round % 2 == 0, PointQuality::Good);
+    }
+    stage.stored();
+    stage.handle(Input::Connected(8));
+    stage.handle(Input::Subscribed);
+    // Both wait from here on.
+    for round in 0..20 {
+        stage.happens("oven.k1", round % 2 == 0, PointQuality::Good);
+    }
+    let told = stage.settle();
+    let is_past: Vec<bool> = told.iter().map(|message| message.contains('@')).collect();
+    let news = is_past.iter().rposition(|is_past| !is_past).unwrap();
+    let past = is_past[..news].iter().filter(|is_past| **is_past).count();
+    assert!(past > 0 && past * 5 <= news + 1, "{past} of {news}");
+}
+
+/// Whatever happens to the connection and to the modules, a host gets every change of the outputs
+/// once at least, and none again that it is known to have.
+#[tokio::test]
+async fn no_change_is_lost_over_any_outages() {
+    for seed in 1..=60 {
+        random(seed).await;
+    }
+}
+
+async fn random(seed: u64) {
+    let mut state = seed;
+    let mut dice = move |sides: u64| {
+        // xorshift64*
+        state ^= state >> 12;
+        state ^= state << 25;
+        state ^= state >> 27;
+        (state.wrapping_mul(0x2545_f491_4f6c_dd1d) >> 33) % sides
+    };
+    let mut stage = Stage::new(None, true).await;
+    stage.modules(&[("oven", true), ("pump", true)]);
+    // What is on its way, and what the host has: each change by its place and its time.
+    let mut flying: Vec<(u64, Message)> = Vec::new();
+    let (mut known, mut arrived) = (BTreeSet::new(), BTreeSet::new());
+    let (mut is_connected, mut asked, mut bd_seq) = (false, None, 0_u8);
+    let (mut stored, mut online) = (0, true);
+    let paths = ["oven.k1", "oven.k2", "pump.do1"];
+    let mut values = [false; 3];
+    for step in 0..700 {
+        let is_last = step > 500;
+        match dice(if is_last { 5 } else { 12 }) {
+            0..=2 if !is_last => {
+                // Of a module that does not answer nothing new is known.
+                let which = usize::try_from(if online { dice(3) } else { 2 }).unwrap();
+                values[which] = !values[which];
+                stage.happens(paths[which], values[which], PointQuality::Good);
+            }
+            3 => {
+                // The broker has what went before the question.
+                if let Some(number) = asked.take() {
+                    let (come, rest) = flying.into_iter().partition(|(of, _)| *of <= number);
+                    flying = rest;
+                    let come: Vec<(u64, Message)> = come;
+                    for (_, message) in &come {
+                        let of_host = changes(message);
+                        // How it is at a birth is no change that was told.
+                        if message.topic.contains("DATA") {
+                            arrived.extend(of_host.iter().cloned());
+                        }
+                        stage.judge.heard(message);
+                        known.extend(of_host);
+                    }
+                    stage.handle(Input::Arrived(number));
+                }
+            }
+            4 | 5 => {
+                stored = stage.entries.len() as u64;
+                stage.stored();
+            }
+            6 if is_connected && !is_last => {
+                // Of what was on its way, some is lost.
+                let kept = usize::try_from(dice(flying.len() as u64 + 1)).unwrap();
+                for (_, message) in flying.drain(..).take(kept) {
+                    stage.judge.heard(&message);
+                    known.extend(changes(&message));
+                }
+                stage.handle(Input::Lost);
+                (is_connected, asked) = (false, None);
+            }
+            7 if !is_last => {
+                online = !online;
+                stage.modules(&[("oven", online)]);
+            }
+            8 | 9 if !is_connected => {
+                stage.handle(Input::Connected(bd_seq));
+                stage.handle(Input::Subscribed);
+                bd_seq = bd_seq.wrapping_add(1);
+                is_connected = true;
+            }
+            _ => stage.now += 700,
+        }
+        if is_last && !is_connected {
+            stage.handle(Input::Connected(bd_seq));
+            stage.handle(Input::Subscribed);
+            is_connected = true;
+        }
+        if is_last && !online {
+            online = true;
+            stage.modules(&[("oven", true)]);
+        }
+        while let Some(output) = stage.node.poll(stage.now()) {
+            match output {
+                Output::Publish(number, message) => {
+                    for change in changes(&message) {
+                        let is_past = brief_of(&message).contains('@');
+                        let is_again = is_past && arrived.contains(&change);
+                        assert!(!is_again, "seed {seed}: {change:?} again");
+                    }
+                    flying.push((number, message));
+                    stage.handle(Input::Went(number));
+                }
+                Output::Ask => asked = flying.last().map(|(number, _)| *number),
+                Output::Read(after) => {
+                    let first = after + 1;
+                    let rest = stage.entries.iter().skip(usize::try_from(after).unwrap());
+                    let rest = rest.take(usize::try_from(stored - after).unwrap());
+                    let entries: Vec<_> = rest.take(7).cloned().collect();
+                    let piece = Piece {
+                        first,
+                        entries,
+                        missing: None,
+                    };
+                    stage.handle(Input::Read(Some((Arc::from("e"), piece))));
+                }
+                Output::Delivered(_, to) => {
+                    // What the outbox may delete, the host has, or it waits for its module.
+                    assert!(to <= stored, "seed {seed}");
+                }
+                _ => {}
+            }
+        }
+    }
+    for entry in &stage.entries {
+        let EntryKind::Reading { path, time, .. } = &entry.what else {
+            panic!("a reading");
+        };
+        let (module, label) = path.split_once('.').unwrap();
+        let change = (
+            module.to_owned(),
+            label.to_owned(),
+            u64::try_from(time.unwrap()).unwrap(),
+        );
+        assert!(known.contains(&change), "seed {seed}: {change:?} is lost");
+    }
+    assert!(stage.entries.len() > 50);
+}
+
+fn brief_of(message: &Message) -> String {
+    let payload = Payload::parse(&message.payload).unwrap();
+    payload.metrics.iter().map(brief).collect()
+}
+
+/// The changes of outputs that a message tells, each with its place and its time.
+fn changes(message: &Message) -> Vec<(String, String, u64)> {
+    let payload = Payload::parse(&message.payload).unwrap();
+    let device = message
+        .topic
+        .split('/')
+        .nth(4)
+        .unwrap_or_default()
+        .to_owned();
+    let its = payload.metrics.into_iter();
+    let its = its.filter(|metric| matches!(metric.value, Some(MetricValue::Boolean(_))));
+    its.map(|metric| {
+        (
+            device.clone(),
+            metric.name.unwrap(),
+            metric.timestamp.unwrap(),
+        )
+    })
+    .collect()
+}
