@@ -18,6 +18,8 @@ import tables
 
 # What must be installed: how to check, and the command that installs it.
 PYTHON = ("pymodbus", "serial")
+# A host application for Sparkplug; it needs an older paho-mqtt, and so a Python of its own.
+SPARKPLUG = ("target/sparkplug-venv", "pysparkplug==0.6.1", "paho-mqtt==1.6.1")
 PROGRAMS = {
     "gcc": "gcc", "pkg-config": "pkg-config", "mbpoll": "mbpoll", "socat": "socat",
     "mosquitto": "mosquitto", "mosquitto_sub": "mosquitto-clients", "openssl": "openssl",
@@ -34,6 +36,7 @@ def missing():
     lines = []
     if not all(importlib.util.find_spec(name) for name in PYTHON):
         lines.append(f"{sys.executable} -m pip install 'pymodbus==3.*' pyserial")
+    lines += missing_of_sparkplug()
     # Debian has servers where only root looks for them.
     path = os.pathsep.join([os.environ.get("PATH", ""), "/usr/sbin"])
     packages = [name for program, name in PROGRAMS.items() if not shutil.which(program, path=path)]
@@ -45,6 +48,17 @@ def missing():
         names = " ".join(packages)
         lines.append(f"sudo apt-get install --no-install-recommends {names}")
     return lines
+
+
+def missing_of_sparkplug():
+    """The command that installs the Python of the Sparkplug host."""
+    venv, *packages = SPARKPLUG
+    python = rig.ROOT / venv / "bin/python"
+    needs = [python, "-c", "import pysparkplug, paho.mqtt.client"]
+    if python.exists() and not subprocess.run(needs, check=False, capture_output=True).returncode:
+        return []
+    pip = f"{venv}/bin/python -m pip install {' '.join(packages)}"
+    return [f"python3 -m venv --clear {venv} && {pip}"]
 
 
 def build():
@@ -82,9 +96,11 @@ def daemons(words):
     import modbus_tcp_suite
     import mqtt_replay_suite
     import mqtt_suite
+    import sparkplug_host_suite
+    import sparkplug_suite
 
     return chosen((modbus_tcp_suite, modbus_security_suite, modbus_rtu_suite, modbus_line_suite,
-                   mqtt_suite, mqtt_replay_suite), words)
+                   mqtt_suite, mqtt_replay_suite, sparkplug_suite, sparkplug_host_suite), words)
 
 
 def alone(words):

@@ -574,6 +574,41 @@ the password is never shown
 {5,3.1.1}, batch: without replay_days nothing is kept
 """
 
+# The daemon as a Sparkplug edge node, with mosquitto and pysparkplug ------------------------------
+
+SPARKPLUG = """
+{5,3.1.1}: the connection
+{5,3.1.1}: NBIRTH
+{5,3.1.1}: DBIRTH of {oven,hall,tank,yard}
+{5,3.1.1}: the values
+{5,3.1.1}: a change
+{5,3.1.1}: stale
+{5,3.1.1}: switched and read back
+{5,3.1.1}: each metric is a command
+{5,3.1.1}: refused: {no right,an input,unknown metric,wrong type,old,no timestamp,retained}
+{5,3.1.1}: refused: the next one is done
+{5,3.1.1}: ignored
+{5,3.1.1}: a dead module: {DDEATH,DBIRTH,the others go on,not born by a rebirth}
+{5,3.1.1}: a command to a dead module
+{5,3.1.1}: rebirth
+{5,3.1.1}: the will has the number of the birth
+{5,3.1.1}: QoS 0 and not retained
+{5,3.1.1}: the rules of Sparkplug
+kill -9: NDEATH, and the next number
+SIGTERM: NDEATH by the node, and the next number
+an outlet that is disabled: NDEATH by the node, and the next number
+a broker with an empty store: births with the next number
+a module that is removed: DDEATH
+lives: the rules of Sparkplug
+primary host: no births while it is absent
+primary host: births when it is there
+primary host: an older offline is ignored
+primary host: NDEATH when it goes, births when it is back
+primary host: the rules of Sparkplug
+every change: {without a broker,without the primary host,never again}
+every change: the rules of Sparkplug
+"""
+
 # The daemon's Modbus RTU slave, in front of the same modules ----------------------------------
 
 MODBUS_RTU_SLAVE = """
@@ -608,6 +643,7 @@ TABLES = {
     "Modbus TCP": MODBUS_TCP,
     "Modbus gateway to a line": MODBUS_LINE,
     "MQTT": MQTT,
+    "Sparkplug": SPARKPLUG,
     "Modbus RTU slave": MODBUS_RTU_SLAVE,
 }
 

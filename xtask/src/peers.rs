@@ -50,25 +50,51 @@ const DEBIAN: &[Packages] = &[
     },
 ];
 
-/// Python packages: what pip installs, and the name and version prefix that must be there.
-const PYTHON: &[(&str, &str, &str)] = &[
-    ("pymodbus==3.*", "pymodbus", "3."),
-    ("pyserial", "pyserial", ""),
-    // Parses `/metrics`.
-    ("prometheus-client>=0.20", "prometheus_client", ""),
-    // Sends the API what its document allows, and what it does not.
-    ("schemathesis==4.*", "schemathesis", "4."),
-];
+/// A Python of its own. Its folder is fixed, because `interop/` names it too.
+struct Venv {
+    folder: &'static str,
+    /// What pip installs, and the name and version prefix that must be there.
+    packages: &'static [(&'static str, &'static str, &'static str)],
+}
 
-/// The Python of the peers. The folder is fixed, because `interop/` names it too.
+/// The Python of the peers.
+const PEERS: Venv = Venv {
+    folder: "target/interop-venv",
+    packages: &[
+        ("pymodbus==3.*", "pymodbus", "3."),
+        ("pyserial", "pyserial", ""),
+        // Parses `/metrics`.
+        ("prometheus-client>=0.20", "prometheus_client", ""),
+        // Sends the API what its document allows, and what it does not.
+        ("schemathesis==4.*", "schemathesis", "4."),
+    ],
+};
+
+/// The Sparkplug host, whose MQTT is older than what others need.
+const SPARKPLUG: Venv = Venv {
+    folder: "target/sparkplug-venv",
+    packages: &[
+        ("pysparkplug==0.6.1", "pysparkplug", "0.6.1"),
+        ("paho-mqtt==1.6.1", "paho-mqtt", "1.6.1"),
+    ],
+};
+
+impl Venv {
+    fn python(&self, root: &Path) -> PathBuf {
+        root.join(self.folder).join("bin/python")
+    }
+}
+
+/// The Python of the peers.
 pub(crate) fn python(root: &Path) -> PathBuf {
-    root.join("target/interop-venv/bin/python")
+    PEERS.python(root)
 }
 
 /// Makes sure that every peer is there; installs what is missing if that needs no interaction.
 pub(crate) fn install(root: &Path) -> Result<()> {
     debian(root)?;
-    python_packages(root)
+    python_packages(root, &PEERS)?;
+    python_packages(root, &SPARKPLUG)
 }
 
 fn debian(root: &Path) -> Result<()> {
@@ -150,30 +176,31 @@ fn is_installed(listed: &str, name: &str) -> bool {
         .any(|line| line.split_whitespace().eq([name, "ii"]))
 }
 
-fn python_packages(root: &Path) -> Result<()> {
-    if let Some(versions) = python_versions(root).filter(|versions| complete(versions)) {
+fn python_packages(root: &Path, venv: &Venv) -> Result<()> {
+    if let Some(versions) = python_versions(root, venv).filter(|versions| complete(venv, versions))
+    {
         println!(
             "Python packages: {}",
             versions.split_whitespace().collect::<Vec<_>>().join(" ")
         );
         return Ok(());
     }
-    let venv = ["-m", "venv", "--clear", "target/interop-venv"];
-    run::run(run::program(root, "python3").args(venv))?;
-    let mut pip = run::program(root, &python(root).to_string_lossy());
+    let made = ["-m", "venv", "--clear", venv.folder];
+    run::run(run::program(root, "python3").args(made))?;
+    let mut pip = run::program(root, &venv.python(root).to_string_lossy());
     pip.args(["-m", "pip", "install", "--quiet"])
-        .args(PYTHON.iter().map(|package| package.0));
+        .args(venv.packages.iter().map(|package| package.0));
     run::run(&mut pip)
 }
 
 /// The installed packages as `name==version` lines; none if there is no working Python.
-fn python_versions(root: &Path) -> Option<String> {
-    let mut list = run::program(root, &python(root).to_string_lossy());
+fn python_versions(root: &Path, venv: &Venv) -> Option<String> {
+    let mut list = run::program(root, &venv.python(root).to_string_lossy());
     run::read(list.args(["-m", "pip", "list", "--format=freeze"])).ok()
 }
 
-fn complete(versions: &str) -> bool {
-    PYTHON.iter().all(|(_, name, start)| {
+fn complete(venv: &Venv, versions: &str) -> bool {
+    venv.packages.iter().all(|(_, name, start)| {
         let start = format!("{name}=={start}");
         versions.lines().any(|line| line.starts_with(&start))
     })
@@ -200,9 +227,18 @@ mod tests {
     #[test]
     fn an_old_python_peer_is_not_enough() {
         let others = "prometheus_client==0.26.0\nschemathesis==4.32.5\n";
-        let all = |old: &str| complete(&format!("{old}pyserial==3.5\n{others}"));
+        let all = |old: &str| complete(&PEERS, &format!("{old}pyserial==3.5\n{others}"));
         assert!(all("pip==23.0\npymodbus==3.16.1\n"));
         assert!(!all("pymodbus==2.5.3\n"));
-        assert!(!complete("pymodbus==3.16.1\n"));
+        assert!(!complete(&PEERS, "pymodbus==3.16.1\n"));
+        let sparkplug = "protobuf==7.36.2\npysparkplug==0.6.1\n";
+        assert!(!complete(
+            &SPARKPLUG,
+            &format!("paho-mqtt==2.1.0\n{sparkplug}")
+        ));
+        assert!(complete(
+            &SPARKPLUG,
+            &format!("paho-mqtt==1.6.1\n{sparkplug}")
+        ));
     }
 }
