@@ -77,6 +77,8 @@ pub(super) struct Backlog {
     read: u64,
     is_reading: bool,
     changes: BTreeMap<u64, Change>,
+    /// How many of them wait for their modules, as was counted last.
+    held: usize,
     /// Those before this one have been sent, or can't be.
     scan: u64,
     spans: VecDeque<Span>,
@@ -106,20 +108,26 @@ impl Backlog {
     }
 
     /// After which entry is to be read now; none while there is nothing to read, or enough waits.
-    pub(super) fn next_read(&mut self, now: Duration, devices: &Devices) -> Option<u64> {
+    pub(super) fn next_read(&mut self, now: Duration) -> Option<u64> {
         if self.is_reading || self.read >= self.newest || self.again.is_some_and(|at| at > now) {
             return None;
         }
         self.again = None;
-        if self.changes.len() >= AHEAD_MAX {
-            let is_held = |change: &&Change| is_held(change, devices);
-            let held = self.changes.values().filter(is_held).count();
-            if self.changes.len() - held >= AHEAD_MAX {
-                return None;
-            }
+        if self.open() >= AHEAD_MAX {
+            return None;
         }
         self.is_reading = true;
         Some(self.read)
+    }
+
+    /// How many wait that do not wait for their module.
+    fn open(&self) -> usize {
+        self.changes.len().saturating_sub(self.held)
+    }
+
+    /// Whether it goes on faster once it is known what has arrived.
+    pub(super) fn is_pressed(&self) -> bool {
+        self.open() >= AHEAD_MAX / 2
     }
 
     /// What was read; none if it could not be.
@@ -210,6 +218,15 @@ impl Backlog {
         self.scan = 0;
     }
 
+    /// The clock was set back: times that are known come once more. What is told live from now on
+    /// comes as the past as well, until the clock is where it was.
+    pub(super) fn set_back(&mut self, seen: u64) {
+        self.spans.clear();
+        if self.live.is_some() {
+            self.live_from(seen + 1);
+        }
+    }
+
     /// What happened until this time and was told live has arrived.
     pub(super) fn live_until(&mut self, until: u64) {
         if self.live.is_some()
@@ -244,28 +261,24 @@ impl Backlog {
 
     /// Up to which entry everything is delivered now, if that is further than before.
     pub(super) fn delivered(&mut self, devices: &Devices) -> Option<(Arc<str>, u64)> {
-        self.shorten(devices);
-        let mut open = self.changes.iter();
-        let first = open.find(|(_, change)| !is_held(change, devices));
-        let delivered = first.map_or(self.read, |(number, _)| number.saturating_sub(1));
+        let (mut first, mut held) = (None, Vec::new());
+        for (number, change) in &self.changes {
+            match is_held(change, devices) {
+                true => held.push(*number),
+                false => first = first.or(Some(*number)),
+            }
+        }
+        let over = held.len().saturating_sub(HELD_MAX);
+        for number in &held[..over] {
+            self.changes.remove(number);
+        }
+        self.dropped += over as u64;
+        self.held = held.len() - over;
+        let delivered = first.map_or(self.read, |number| number.saturating_sub(1));
         (delivered > self.delivered).then(|| {
             self.delivered = delivered;
             (Arc::clone(&self.epoch), delivered)
         })
-    }
-
-    fn shorten(&mut self, devices: &Devices) {
-        if self.changes.len() <= HELD_MAX {
-            return;
-        }
-        let held = self.changes.iter();
-        let held = held.filter(|(_, change)| is_held(change, devices));
-        let over = self.changes.len() - HELD_MAX;
-        let oldest: Vec<u64> = held.map(|(number, _)| *number).take(over).collect();
-        self.dropped += oldest.len() as u64;
-        for number in oldest {
-            self.changes.remove(&number);
-        }
     }
 
     /// What is to be told next of the past, oldest first.

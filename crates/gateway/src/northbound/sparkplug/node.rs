@@ -209,16 +209,14 @@ impl Node {
             return Some(output);
         }
         if let Some(backlog) = &mut self.backlog
-            && let Some(after) = backlog.next_read(now.steady, &self.devices)
+            && let Some(after) = backlog.next_read(now.steady)
         {
             return Some(Output::Read(after));
         }
+        let is_pressed = self.backlog.as_ref().is_some_and(Backlog::is_pressed);
         let link = self.link.as_mut()?;
-        if link.phase == Phase::Born
-            && link.arrived < link.went
-            && link.asked.is_none()
-            && link.ask_at <= now.steady
-        {
+        let is_open = link.phase == Phase::Born && link.arrived < link.went;
+        if is_open && link.asked.is_none() && (is_pressed || link.ask_at <= now.steady) {
             link.asked = Some(now.steady);
             link.ask_at = now.steady + ASK_EVERY;
             return Some(Output::Ask);
@@ -482,6 +480,12 @@ impl Node {
     fn picture(&mut self, now: Now, picture: &Picture) {
         let was_online = self.online();
         self.saw(picture.at);
+        // Changes before it may have been missed.
+        if self.is_born()
+            && let Some(backlog) = &mut self.backlog
+        {
+            backlog.live_from(self.seen + 1);
+        }
         let mut gone: BTreeSet<String> = self.devices.keys().cloned().collect();
         let mut points: BTreeMap<&str, BTreeSet<Point>> = BTreeMap::new();
         for module in &picture.modules {
@@ -522,9 +526,20 @@ impl Node {
         self.tell(now, changed, was_online);
     }
 
+    fn is_born(&self) -> bool {
+        let phase = self.link.as_ref().map(|link| link.phase);
+        phase == Some(Phase::Born)
+    }
+
     /// A change of this time is known.
     fn saw(&mut self, at: SystemTime) {
-        self.seen = self.seen.max(wall(at));
+        let at = wall(at);
+        if at < self.seen
+            && let Some(backlog) = &mut self.backlog
+        {
+            backlog.set_back(self.seen);
+        }
+        self.seen = self.seen.max(at);
         if let Some(link) = &mut self.link {
             link.seen = self.seen;
         }

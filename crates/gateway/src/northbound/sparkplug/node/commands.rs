@@ -98,8 +98,7 @@ impl Node {
                 message.payload.len()
             ));
         }
-        let phase = self.link.as_ref().map(|link| link.phase);
-        if phase != Some(Phase::Born) {
+        if !self.is_born() {
             return Err("the node is not born".to_owned());
         }
         Payload::parse(&message.payload).map_err(|why| format!("it is no payload: {why}"))

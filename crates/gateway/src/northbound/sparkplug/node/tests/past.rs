@@ -111,6 +111,74 @@ async fn the_past_of_a_silent_module_waits_for_it() {
     assert_eq!(told, ["DBIRTH oven", &oven, "NDATA Modules/Answering=2"]);
 }
 
+/// Times that come once more are not taken for those that were told.
+#[tokio::test]
+async fn nothing_is_lost_where_the_clock_is_set_back() {
+    let mut stage = Stage::connected(true).await;
+    stage.now += 3_600_000;
+    stage.happens("oven.k1", true, PointQuality::Good);
+    stage.stored();
+    stage.settle();
+    stage.answer();
+    stage.handle(Input::Lost);
+    let back = stage.now;
+    stage.now -= 1_800_000;
+    stage.happens("oven.k1", false, PointQuality::Good);
+    let past = format!("DDATA oven k1=false@{}", stage.now - BEGIN);
+    stage.stored();
+    stage.now = back;
+    stage.handle(Input::Connected(8));
+    stage.handle(Input::Subscribed);
+    assert_eq!(stage.settle(), ["NBIRTH", "DBIRTH oven", &past]);
+}
+
+#[tokio::test]
+async fn what_a_picture_has_skipped_comes_as_the_past() {
+    let mut stage = Stage::connected(true).await;
+    stage.stored();
+    stage.settle();
+    stage.answer();
+    // The outbox has two changes, of which the node is told the end only.
+    let entries = [true, false].map(|on| {
+        stage.now += 1;
+        (on, stage.now)
+    });
+    stage.skipped("oven.k1", &entries);
+    let told = stage.settle();
+    stage.stored();
+    let at = |which: usize| entries[which].1 - BEGIN;
+    let past = format!("DDATA oven k1=true@{} k1=false@{}", at(0), at(1));
+    assert_eq!(told, [""; 0], "it is as it was");
+    assert_eq!(stage.settle(), [past]);
+}
+
+#[tokio::test]
+async fn the_broker_is_asked_at_once_where_much_waits() {
+    let mut stage = Stage::connected(true).await;
+    stage.answer();
+    stage.handle(Input::Lost);
+    for round in 0..5_000 {
+        stage.happens("oven.k1", round % 2 == 0, PointQuality::Good);
+    }
+    stage.stored();
+    stage.handle(Input::Connected(8));
+    stage.handle(Input::Subscribed);
+    stage.settle();
+    let (now, asked) = (stage.now, stage.asked);
+    for _ in 0..10 {
+        let last = stage.last;
+        stage.handle(Input::Arrived(last));
+        stage.settle();
+    }
+    assert!(stage.asked > asked, "without waiting");
+    assert!(
+        stage.delivered.last() > Some(&4_000),
+        "{:?}",
+        stage.delivered
+    );
+    assert_eq!(stage.now, now);
+}
+
 #[tokio::test]
 async fn a_rebirth_brings_nothing_of_the_past_again() {
     let mut stage = Stage::connected(true).await;

@@ -262,18 +262,54 @@ impl Stage {
             PointQuality::Stale => "stale",
             PointQuality::Bad(_) => "bad",
         };
-        self.entries.push(OutboxEntry {
-            at: i64::try_from(self.now).unwrap(),
+        let entry = self.entry(path, on, word, self.now);
+        self.entries.push(entry);
+        let point = PointReading { at, status };
+        self.news(&News::Batch(Arc::new(self.batch([point].into(), &[]))));
+    }
+
+    /// So a point was, one after the other; the node only gets a picture of the end.
+    pub(super) fn skipped(&mut self, path: &str, values: &[(bool, u64)]) {
+        let mut points = self.picture.points.clone();
+        for (on, at) in values {
+            let entry = self.entry(path, *on, "good", *at);
+            self.entries.push(entry);
+            for status in &mut points {
+                if format!("{}.{}", status.module, status.label) == path {
+                    (status.value, status.quality) =
+                        (Some(PointValue::Bool(*on)), PointQuality::Good);
+                    status.time = Some(wall_time(*at));
+                }
+            }
+        }
+        let mut modules = self.picture.modules.clone();
+        for module in &mut modules {
+            if path.starts_with(&module.name) {
+                module.presence = Presence::Online;
+            }
+        }
+        self.news(&News::Picture(Arc::new(Picture {
+            seq: 9,
+            changes: 9,
+            at: wall_time(self.now),
+            config: Arc::clone(&self.picture.config),
+            points,
+            modules,
+            lines: self.picture.lines.clone(),
+        })));
+    }
+
+    fn entry(&self, path: &str, on: bool, word: &str, at: u64) -> OutboxEntry {
+        OutboxEntry {
+            at: i64::try_from(at).unwrap(),
             what: EntryKind::Reading {
                 path: path.to_owned(),
                 value: Some(on.to_string()).filter(|_| word != "bad"),
                 quality: word.to_owned(),
                 reason: None,
-                time: Some(i64::try_from(self.now).unwrap()),
+                time: Some(i64::try_from(at).unwrap()),
             },
-        });
-        let point = PointReading { at, status };
-        self.news(&News::Batch(Arc::new(self.batch([point].into(), &[]))));
+        }
     }
 
     pub(super) fn modules(&mut self, online: &[(&str, bool)]) {
