@@ -200,8 +200,8 @@ codes! {
         title: ["the MQTT broker does not allow a topic", "MQTT 代理不允许该主题"],
         likely: ["the broker's access list does not name the topics of railbus for this user",
             "代理的访问控制列表未授权该用户使用 railbus 的主题"],
-        next: ["allow this user to read and write BASE/SITE/#",
-            "授权该用户读写 前缀/站点/#"],
+        next: ["allow this user to read and write BASE/SITE/#; with Sparkplug spBv1.0/#",
+            "授权该用户读写 前缀/站点/#；Sparkplug 为 spBv1.0/#"],
     }
     Differs = "E1001" {
         title: ["differences were found", "发现差异"],
