@@ -42,6 +42,9 @@ def absent(s):
     s.state(False, began)
     s.state(True, began, "another")
     s.silent(entry, "it is offline, and another is there", since)
+    code = lambda: ((s.outlet().get("last_error") or {}).get("problem") or {}).get("code")
+    until(lambda: code() == "E0833")
+    s.check(entry, (code(), s.outlet()["state"]), ("E0833", "waiting"), "the outlet")
     entry = "primary host: births when it is there"
     # Later than the one before, whatever the clock shows.
     online = max(now(), began + 1)
@@ -53,6 +56,8 @@ def absent(s):
         kinds = [(each.get("kind"), each.get("online")) for each in s.host.got]
     came = kinds.index(("STATE", True), since) < kinds.index(("NBIRTH", None))
     s.check(entry, came, True, f"the state before the birth: {kinds[:12]}")
+    until(lambda: s.outlet()["state"] == "running")
+    s.check(entry, s.outlet()["state"], "running", "the outlet")
     return online
 
 

@@ -264,6 +264,8 @@ pub mod codes {
         BROKER_LOGIN = "E0898", 502;
         /// Also `broker`, `reason`.
         BROKER_REFUSED = "E0899", 502;
+        /// Also `reason`: its host ID.
+        HOST_AWAY = "E0833", 503;
         /// Also `name`.
         NO_SUCH_HOOK = "E0877", 404;
         /// Also `reason`: the status received.

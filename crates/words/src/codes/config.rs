@@ -184,6 +184,15 @@ codes! {
         next: ["send the ETag of GET /api/v1/config as If-Match",
             "以 GET /api/v1/config 的 ETag 作为 If-Match 发送"],
     }
+    HostAway = "E0833" {
+        title: ["the primary host is not there, and nothing is told until it is",
+            "主要主机（Primary Host）不在线，暂不发布数据"],
+        likely: ["the host application is stopped · it has another host ID, or another broker · \
+            its clock was set back",
+            "主机应用未运行 · 主机 ID 或代理不一致 · 主机时钟被调回"],
+        next: ["see what it says: mosquitto_sub -h HOST -p PORT -v -t 'spBv1.0/STATE/+'",
+            "查看其状态：mosquitto_sub -h 主机 -p 端口 -v -t 'spBv1.0/STATE/+'"],
+    }
     NoSetting = "E0840" {
         title: ["the module has no such setting", "模块没有该设置"],
         likely: ["a typing mistake · another model", "输入错误 · 型号不同"],

@@ -280,6 +280,11 @@ impl Driver {
                     self.jobs.spawn(carry_out(service, job));
                 }
                 Output::Online => self.outlet.report.worked(),
+                Output::HostAway => {
+                    let host = self.topics.host.clone().unwrap_or_default();
+                    let problem = Problem::new(codes::HOST_AWAY).with("reason", host);
+                    self.outlet.report.failed(problem, 1, None);
+                }
                 Output::Wrong(reason) => {
                     self.wrong = self.wrong.saturating_add(1);
                     let problem = Problem::new(codes::BAD_REQUEST).with("reason", reason);

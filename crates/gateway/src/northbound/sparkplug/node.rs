@@ -37,7 +37,10 @@ const QUEUE_MAX: usize = 4_096;
 const LIVE_SHARE: u8 = 4;
 /// How often the broker is asked whether everything arrived.
 const ASK_EVERY: Duration = Duration::from_secs(2);
-/// The longest time in which it answers.
+/// The primary host is there within this time after a connection, or said to be away: the broker
+/// tells of it once that is subscribed.
+const HOST_WAIT: Duration = Duration::from_secs(3);
+/// The longest time in which the broker answers.
 const ANSWER_MAX: Duration = Duration::from_secs(10);
 
 /// The time, by both clocks.
@@ -108,6 +111,8 @@ pub(super) enum Output {
     Carry(Job),
     /// The births are on their way.
     Online,
+    /// They wait for the primary host.
+    HostAway,
     /// What came is wrong, for this reason.
     Wrong(String),
     /// What is in the outbox after this number is to be read: [`Input::Read`].
@@ -179,6 +184,7 @@ impl Node {
             Input::Subscribed => {
                 if let Some(link) = &mut self.link {
                     link.is_subscribed = true;
+                    link.host_by = Some(now.steady + HOST_WAIT);
                 }
                 self.bear_if_due(now);
             }
@@ -220,6 +226,9 @@ impl Node {
             link.asked = Some(now.steady);
             link.ask_at = now.steady + ASK_EVERY;
             return Some(Output::Ask);
+        }
+        if link.host_by.take_if(|at| *at <= now.steady).is_some() {
+            return Some(Output::HostAway);
         }
         let in_flight = link.handed.saturating_sub(link.went);
         if in_flight >= WINDOW as u64 {
@@ -302,7 +311,8 @@ impl Node {
             .map(|link| link.ask_at);
         let stuck = link.and_then(|link| link.asked).map(|at| at + ANSWER_MAX);
         let backlog = self.backlog.as_ref().and_then(Backlog::deadline);
-        [asks, stuck, backlog].into_iter().flatten().min()
+        let host = link.and_then(|link| link.host_by);
+        [asks, stuck, backlog, host].into_iter().flatten().min()
     }
 
     /// Whether the broker has not answered for so long that the connection is of no use: what
@@ -365,7 +375,12 @@ impl Node {
     fn lost(&mut self) {
         self.link = None;
         // What was to be done on that connection is due again with the next one.
-        let is_of_link = |output: &Output| matches!(output, Output::Subscribe(_) | Output::Online);
+        let is_of_link = |output: &Output| {
+            matches!(
+                output,
+                Output::Subscribe(_) | Output::Online | Output::HostAway
+            )
+        };
         self.outputs.retain(|output| !is_of_link(output));
         self.devices.values_mut().for_each(Device::unborn);
         if let Some(backlog) = &mut self.backlog {
@@ -381,6 +396,7 @@ impl Node {
         // What was told on this connection and has nothing before it that is dropped now is known.
         let is_known = link.phase == Phase::Born && link.queue.is_empty();
         link.queue.clear();
+        link.host_by = None;
         (link.births, link.seq, link.phase) = (0, 0, Phase::Born);
         let online = self.devices.values().filter(|device| device.is_online);
         let metrics = node_metrics(&self.setup, link.bd_seq, online.count(), self.missing, now);

@@ -38,6 +38,8 @@ pub(super) struct Link {
     pub(super) phase: Phase,
     /// What is to come does.
     pub(super) is_subscribed: bool,
+    /// When it is told that the primary host is away.
+    pub(super) host_by: Option<Duration>,
     pub(super) queue: VecDeque<Queued>,
     /// How many of them are births.
     pub(super) births: usize,
@@ -68,6 +70,7 @@ impl Link {
             bd_seq,
             phase: Phase::Waiting,
             is_subscribed: false,
+            host_by: None,
             queue: VecDeque::new(),
             births: 0,
             seq: 0,

@@ -231,8 +231,15 @@ async fn nobody_is_told_anything_while_the_primary_host_is_away() {
     stage.state(false, 10);
     assert_eq!(stage.settle(), [""; 0]);
     assert!(stage.jobs.is_empty(), "nothing was born");
+    assert!(!stage.is_host_away, "it is given a moment");
+    let by = stage.node.deadline().unwrap();
+    stage.now = BEGIN + u64::try_from(by.as_millis()).unwrap();
+    assert_eq!(stage.settle(), [""; 0]);
+    assert!(stage.is_host_away);
+    assert_eq!(stage.node.deadline(), None, "it is told once");
     stage.state(true, 10);
     assert_eq!(stage.settle(), ["NBIRTH", "DBIRTH oven"]);
+    assert!(!stage.is_host_away);
     stage.state(false, 9);
     stage.state(true, 11);
     assert_eq!(stage.settle(), [""; 0], "an older one, and the same");

@@ -138,6 +138,8 @@ pub(super) struct Stage {
     pub(super) jobs: Vec<Job>,
     pub(super) wrong: Vec<String>,
     pub(super) asked: usize,
+    /// It was told that the primary host is away.
+    pub(super) is_host_away: bool,
     pub(super) last: u64,
     pub(super) delivered: Vec<u64>,
     /// What is in the outbox.
@@ -169,6 +171,7 @@ impl Stage {
             jobs: Vec::new(),
             wrong: Vec::new(),
             asked: 0,
+            is_host_away: false,
             last: 0,
             delivered: Vec::new(),
             entries: Vec::new(),
@@ -230,7 +233,9 @@ impl Stage {
                     assert_eq!(&*epoch, "e");
                     self.delivered.push(to);
                 }
-                Output::Online | Output::Subscribe(_) => {}
+                Output::HostAway => self.is_host_away = true,
+                Output::Online => self.is_host_away = false,
+                Output::Subscribe(_) => {}
             }
         }
         std::mem::take(&mut self.judge.told)
