@@ -284,7 +284,8 @@ codes! {
             "含有通配符（+、#）、空格或多余的斜杠 · 另一个集成已在该代理上使用相同的主题"],
         next: ["write base = \"railbus\", site = \"plant1\", with Sparkplug group and node, for each \
             integration another",
-            "应写为 base = \"railbus\"、site = \"plant1\"（Sparkplug 为 group 和 node），每个集成各不相同"],
+            "应写为 base = \"railbus\"、site = \"plant1\"（Sparkplug 用 group、node），\
+            每个集成各不相同"],
     }
     BrokerFile = "E0856" {
         title: ["a certificate or key for the MQTT broker can't be used",
