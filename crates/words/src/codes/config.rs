@@ -282,8 +282,8 @@ codes! {
         likely: ["a wildcard (+, #), a space or a slash too many · another integration has the \
             same topics at the broker",
             "含有通配符（+、#）、空格或多余的斜杠 · 另一个集成已在该代理上使用相同的主题"],
-        next: ["write base = \"railbus\", site = \"plant1\", with Sparkplug group and node, for each \
-            integration another",
+        next: ["write base = \"railbus\", site = \"plant1\", with Sparkplug group and node, \
+            for each integration another",
             "应写为 base = \"railbus\"、site = \"plant1\"（Sparkplug 用 group、node），\
             每个集成各不相同"],
     }
