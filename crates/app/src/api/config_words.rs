@@ -149,9 +149,10 @@ pub fn reason(lang: Lang, kind: &Invalid) -> String {
         ]),
         Invalid::TopicsTaken(other) => both(
             format!(
-                "\"{other}\" has the same topics at the same broker: write another base or site"
+                "\"{other}\" has the same topics at the same broker: write another name here, or \
+                 another prefix"
             ),
-            format!("\"{other}\" 已在同一代理上使用相同的主题：请改用其他 base 或 site"),
+            format!("\"{other}\" 已在同一代理上使用相同的主题：请改用其他名称或前缀"),
         ),
         Invalid::BadUnit => fixed([
             "write a module and its unit, 1 to 247: \"pump=4\"",

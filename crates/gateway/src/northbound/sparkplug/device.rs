@@ -182,11 +182,13 @@ impl Device {
             let status = &point.status;
             let may = rights.may_switch(&status.module, &status.label).is_ok();
             let is_output = status.point.kind == PointKind::Output;
+            // Nothing in a command could confirm it.
+            let is_held_back = status.config.locked || status.config.safety.confirm.is_some();
             Definition {
                 label: status.label.clone(),
                 datatype: datatype(status.point.kind),
                 unit: status.range.as_ref().map(|range| range.unit.clone()),
-                is_read_only: !is_output || !may || status.config.locked,
+                is_read_only: !is_output || !may || is_held_back,
             }
         };
         self.points.values().map(definition).collect()

@@ -314,14 +314,14 @@ impl Driver {
                     let Some((sender, limit)) = &mut link else {
                         continue;
                     };
-                    if limit.is_some_and(|limit| link::size(&message) > limit) {
+                    if let Some(most) = limit.filter(|limit| link::size(&message) > *limit) {
                         // Its sequence number is given, so that the rest can't be told either.
-                        let most = limit.unwrap_or_default();
-                        broken = broken.or(Some(format!(
-                            "{} has more than the {most} bytes that the broker takes",
-                            message.topic
-                        )));
-                        continue;
+                        let (broker, _) = self.login();
+                        let reason = format!("{} has more than {most} bytes", message.topic);
+                        let problem = Problem::new(codes::BROKER_REFUSED)
+                            .with("broker", format!("{}:{}", broker.host, broker.port))
+                            .with("reason", reason);
+                        return Some(problem);
                     }
                     broken = broken.or(sender.publish(number, message).err());
                 }

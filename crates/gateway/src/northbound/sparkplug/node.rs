@@ -192,6 +192,7 @@ impl Node {
             Input::Received(message) => self.received(now, message),
             Input::Ended(end) => {
                 self.under_way = self.under_way.saturating_sub(1);
+                self.counted.refused += u64::from(!end.code.is_empty());
                 self.ended(now, end);
             }
             Input::Went(number) => self.went(number),
