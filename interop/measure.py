@@ -2,15 +2,20 @@
 
     RAILBUS=target/release/railbus python3 interop/measure.py line
     RAILBUS=target/release/railbus python3 interop/measure.py replay [COUNT]
+    RAILBUS=target/release/railbus python3 interop/measure.py births
+    RAILBUS=target/release/railbus python3 interop/measure.py past [COUNT]
 
 `line`: reads of a foreign master through the Modbus gateway to a line, and by itself on the same
-line. `replay`: an outage of 72 hours, brought to a receiver of mosquitto (needs paho-mqtt)."""
+line. `replay`: an outage of 72 hours, brought to a receiver of mosquitto (needs paho-mqtt, as all
+that follow). `births`: 250 modules of a Sparkplug node. `past`: an outage of 72 hours in
+Sparkplug."""
 
 import json
 import os
 import random
 import sqlite3
 import sys
+import tempfile
 import termios
 import threading
 import time
@@ -205,6 +210,119 @@ def measure_replay(count):
     broker.close()
 
 
+class Node:
+    """A Sparkplug node with modules on several lines, and a receiver of all that it publishes."""
+
+    def __init__(self, lines, each, **settings):
+        import paho.mqtt.client as paho
+        from judge.daemon import Daemon
+        from modbus_tcp import Simulator
+        from mqtt import Broker
+
+        self.folder = tempfile.TemporaryDirectory(prefix="railbus-measure-")
+        self.broker = Broker()
+        with open(self.broker.config, "a", encoding="utf-8") as config:
+            config.write("max_queued_messages 0\n")
+        self.broker.kill()
+        self.broker.start()
+        name = lambda nth: "line" if nth == 0 else f"line{nth}"
+        text = "".join(f'[line.{name(nth)}]\nport = "pty:{self.folder.name}/{name(nth)}"\n'
+                       "baud = 9600\n" for nth in range(lines))
+        text += "".join(f'[module.m{nth}x{address}]\nline = "{name(nth)}"\nmodel = "erc8"\n'
+                        f'address = {address}\npoll = "5s"\nmax_age = "60s"\n'
+                        for nth in range(lines) for address in range(1, each + 1))
+        told = {"type": "sparkplug", "port": self.broker.port, "node": "n", **settings}
+        text += "[outlet.plant]\n"
+        text += "".join(f"{key} = {json.dumps(value)}\n" for key, value in told.items())
+        self.daemon = Daemon(self.folder.name, text)
+        self.sim = Simulator(self.folder.name, self.daemon.config)
+        self.sim.start()
+        self.got, self.receiver = [], paho.Client(paho.CallbackAPIVersion.VERSION2)
+        self.receiver.on_message = lambda _client, _data, message: self.take(message)
+        # Also after it has lost the broker.
+        self.receiver.on_connect = lambda client, *_: client.subscribe("spBv1.0/railbus/#", qos=0)
+        self.receiver.reconnect_delay_set(0.1, 0.2)
+        self.receiver.connect("127.0.0.1", self.broker.port)
+        self.receiver.loop_start()
+        self.daemon.start()
+
+    def take(self, message):
+        """A message came."""
+        self.got.append((time.monotonic(), message.topic.split("/")[2], len(message.payload)))
+
+    def outlet(self):
+        """How the outlet does."""
+        _, answer = self.daemon.ask("GET", "/outlets")
+        [found] = [each for each in answer["outlets"] if each["outlet"] == "plant"]
+        return found
+
+    def births(self, since):
+        """When births of modules came."""
+        return [at for at, kind, _ in self.got if kind == "DBIRTH" and at > since]
+
+    def close(self):
+        """Ends all."""
+        self.receiver.loop_stop()
+        self.daemon.close()
+        self.sim.kill()
+        self.broker.close()
+
+
+def measure_births():
+    """250 modules, asked for again and connected again."""
+    lines, each = 10, 25
+    node = Node(lines, each)
+    count = lines * each
+    if not until(lambda: len(node.births(0)) >= count):
+        raise RuntimeError(f"{len(node.births(0))} modules are born")
+    # `Node Control/Rebirth` = true.
+    name = b"Node Control/Rebirth"
+    metric = b"\x0a" + bytes([len(name)]) + name + b"\x20\x0b\x70\x01"
+    rebirth = b"\x12" + bytes([len(metric)]) + metric
+    for what in ("rebirth",) * 3 + ("connection",) * 3:
+        time.sleep(1)
+        began = time.monotonic()
+        if what == "rebirth":
+            node.receiver.publish("spBv1.0/railbus/NCMD/n", rebirth)
+        else:
+            node.broker.kill()
+            node.broker.start()
+        if not until(lambda: len(node.births(began)) >= count):
+            raise RuntimeError(f"{what}: {len(node.births(began))} births")
+        births = node.births(began)
+        nbirth = next(at for at, kind, _ in node.got if kind == "NBIRTH" and at > began)
+        size = sum(size for at, _, size in node.got if at >= nbirth)
+        print(f"{what}: {count} births {(births[count - 1] - began) * 1000:.0f} ms after it was "
+              f"asked for, {(births[count - 1] - nbirth) * 1000:.0f} ms after NBIRTH; "
+              f"{size // 1000} kB")
+    node.close()
+
+
+def measure_past(count):
+    """An outage of 72 hours in Sparkplug."""
+    node = Node(1, 3, replay_days=90)
+    file = node.daemon.folder / "state" / "sparkplug-plant.outbox.db"
+    if not until(lambda: file.exists() and len(node.births(0)) >= 3):
+        raise RuntimeError("nothing is kept")
+    time.sleep(3)
+    node.daemon.process.terminate()
+    node.daemon.process.wait()
+    fill(file, count)
+    began = time.monotonic()
+    node.daemon.start()
+    end = began + 10 * PATIENCE
+    while time.monotonic() < end:
+        time.sleep(0.1)
+        if len(node.births(began)) >= 3 and node.outlet()["queue"] == 0:
+            break
+    data = [(at, size) for at, kind, size in node.got if kind == "DDATA" and at > began]
+    took = data[-1][0] - node.births(began)[0]
+    print(f"{count} changes in {len(data)} messages, {sum(size for _, size in data) // 1_000_000} "
+          f"MB, {took:.1f} s; {cpu(node.daemon.process.pid):.1f} s of a core; "
+          f"{node.outlet()['queue']} wait")
+    node.close()
+
+
 def fill(file, count):
     """What would have been written in so long an outage."""
     data = sqlite3.connect(file)
@@ -231,5 +349,9 @@ if __name__ == "__main__":
         measure_line()
     elif sys.argv[1:2] == ["replay"]:
         measure_replay(int(sys.argv[2]) if sys.argv[2:] else COUNT)
+    elif sys.argv[1:2] == ["births"]:
+        measure_births()
+    elif sys.argv[1:2] == ["past"]:
+        measure_past(int(sys.argv[2]) if sys.argv[2:] else COUNT)
     else:
         sys.exit(__doc__)
