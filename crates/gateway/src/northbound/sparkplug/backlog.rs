@@ -19,13 +19,16 @@ pub(super) const READ_MAX: usize = 256;
 const AHEAD_MAX: usize = 2_048;
 /// How many of modules that do not answer wait here before the oldest are dropped: there is no
 /// message in which they could be told before their module answers.
-const HELD_MAX: usize = 65_536;
+pub(super) const HELD_MAX: usize = 65_536;
 /// How many are in a message.
 const MESSAGE_MAX: usize = 100;
 /// When it is tried again what could not be read.
 const AGAIN: Duration = Duration::from_secs(10);
 /// So many spans in which everything was told live are remembered.
 const SPANS_MAX: usize = 16;
+
+/// The devices by their names.
+pub(super) type Devices = BTreeMap<String, Device>;
 
 /// A change of one point.
 #[derive(Debug)]
@@ -65,6 +68,16 @@ pub(super) struct Past {
     pub(super) entries: Vec<u64>,
 }
 
+/// What the outbox need not keep any more.
+#[derive(Debug, Default, PartialEq)]
+pub(super) struct Settled {
+    /// The first and the last time of what is only in memory now, and would be missing after a
+    /// restart; to be written down before the outbox is told.
+    pub(super) held: Option<Option<(u64, u64)>>,
+    /// Up to which entry of which epoch everything is delivered.
+    pub(super) delivered: Option<(Arc<str>, u64)>,
+}
+
 /// The changes that may have to be told.
 #[derive(Debug, Default)]
 pub(super) struct Backlog {
@@ -79,6 +92,14 @@ pub(super) struct Backlog {
     changes: BTreeMap<u64, Change>,
     /// How many of them wait for their modules, as was counted last.
     held: usize,
+    /// What is written down of them.
+    kept: Option<(u64, u64)>,
+    /// What was written down by an earlier run, until it was told.
+    lost: Option<(u64, u64)>,
+    /// Entries that say that changes are missing, and the message in which that went; the number 0
+    /// is that of an earlier run.
+    gaps: BTreeMap<u64, Option<u64>>,
+    missing: Option<MissingSpan>,
     /// Those before this one have been sent, or can't be.
     scan: u64,
     spans: VecDeque<Span>,
@@ -86,19 +107,37 @@ pub(super) struct Backlog {
     live: Option<u64>,
     /// When it goes on.
     again: Option<Duration>,
-    missing: Option<MissingSpan>,
     dropped: u64,
 }
 
 impl Backlog {
+    /// One after an earlier run, which lost what it held between these times.
+    pub(super) fn new(lost: Option<(u64, u64)>) -> Backlog {
+        let mut backlog = Backlog {
+            kept: lost,
+            lost,
+            ..Backlog::default()
+        };
+        if let Some((from, until)) = lost {
+            backlog.gaps.insert(0, None);
+            backlog.miss(Some(from), until);
+        }
+        backlog
+    }
+
     /// So much is on the disk.
     pub(super) fn stored(&mut self, state: &OutboxState) {
         if self.epoch != state.epoch {
+            let gap = self.gaps.remove_entry(&0);
             *self = Backlog {
                 epoch: Arc::clone(&state.epoch),
                 delivered: state.delivered,
                 read: state.delivered,
                 is_reading: self.is_reading,
+                kept: self.kept,
+                lost: self.lost,
+                gaps: gap.into_iter().collect(),
+                missing: self.missing,
                 spans: std::mem::take(&mut self.spans),
                 live: self.live,
                 ..Backlog::default()
@@ -131,7 +170,12 @@ impl Backlog {
     }
 
     /// What was read; none if it could not be.
-    pub(super) fn read(&mut self, now: Duration, piece: Option<(Arc<str>, Piece)>) {
+    pub(super) fn read(
+        &mut self,
+        now: Duration,
+        piece: Option<(Arc<str>, Piece)>,
+        devices: &Devices,
+    ) {
         self.is_reading = false;
         let Some((epoch, piece)) = piece else {
             self.again = Some(now + AGAIN);
@@ -142,17 +186,20 @@ impl Backlog {
             return;
         }
         if let Some(missing) = piece.missing {
-            self.miss(missing.from, missing.to);
+            self.miss(missing.from.map(unsigned), unsigned(missing.to));
         }
         for (number, entry) in (piece.first..).zip(piece.entries) {
             self.read = number;
-            self.entry(number, entry);
+            self.entry(number, entry, devices);
         }
     }
 
-    fn entry(&mut self, number: u64, entry: OutboxEntry) {
+    fn entry(&mut self, number: u64, entry: OutboxEntry, devices: &Devices) {
         match entry.what {
-            EntryKind::Gap { from, .. } => self.miss(from, entry.at),
+            EntryKind::Gap { from, .. } => {
+                self.gaps.insert(number, None);
+                self.miss(from.map(unsigned), unsigned(entry.at));
+            }
             EntryKind::Reading {
                 path,
                 value,
@@ -163,7 +210,10 @@ impl Backlog {
                 let Some((module, label)) = path.split_once('.') else {
                     return;
                 };
-                if self.was_live(unsigned(entry.at)) {
+                // There is no metric any more that could be told.
+                let device = devices.get(module);
+                let is_known = device.is_some_and(|device| device.datatype(label).is_some());
+                if !is_known || self.was_live(unsigned(entry.at)) {
                     return;
                 }
                 let value = value.and_then(|value| serde_json::from_str(&value).ok());
@@ -191,16 +241,27 @@ impl Backlog {
         spans.any(|span| (span.from..=span.until).contains(&at))
     }
 
-    fn miss(&mut self, from: Option<i64>, until: i64) {
-        self.missing = Some(MissingSpan {
-            from: from.map(unsigned),
-            until: unsigned(until),
+    /// One span for all that may be missing: a host reads the newest of a metric only.
+    fn miss(&mut self, from: Option<u64>, until: u64) {
+        self.missing = Some(match self.missing {
+            None => MissingSpan { from, until },
+            Some(known) => MissingSpan {
+                from: known.from.zip(from).map(|(known, from)| known.min(from)),
+                until: known.until.max(until),
+            },
         });
     }
 
-    /// Changes may be missing, as was read since this was last called.
-    pub(super) fn missing(&mut self) -> Option<MissingSpan> {
-        self.missing.take()
+    /// Between which times changes may be missing.
+    pub(super) const fn missing(&self) -> Option<MissingSpan> {
+        self.missing
+    }
+
+    /// That went in the message of this number.
+    pub(super) fn missing_sent(&mut self, message: u64) {
+        for sent in self.gaps.values_mut() {
+            sent.get_or_insert(message);
+        }
     }
 
     /// How many were dropped since this was last called.
@@ -218,12 +279,12 @@ impl Backlog {
         self.scan = 0;
     }
 
-    /// The clock was set back: times that are known come once more. What is told live from now on
-    /// comes as the past as well, until the clock is where it was.
-    pub(super) fn set_back(&mut self, seen: u64) {
+    /// The clock was set back to this time: times that are known come once more, and are not those
+    /// that were told.
+    pub(super) fn set_back(&mut self, to: u64) {
         self.spans.clear();
         if self.live.is_some() {
-            self.live_from(seen + 1);
+            self.live_from(to);
         }
     }
 
@@ -241,62 +302,80 @@ impl Backlog {
         self.scan = 0;
     }
 
+    /// A module is no more: what was held of it is not that of another one of its name.
+    pub(super) fn forget(&mut self, module: &str) {
+        self.changes.retain(|_, change| change.module != module);
+    }
+
     /// The connection is lost: what was not known to have arrived is told again.
     pub(super) fn lost(&mut self) {
         for change in self.changes.values_mut() {
             change.sent = None;
         }
+        self.gaps.values_mut().for_each(|sent| *sent = None);
         (self.scan, self.live) = (0, None);
     }
 
     /// The broker has every message up to this number.
     pub(super) fn arrived(&mut self, number: u64) {
+        let has_arrived = |sent: Option<u64>| sent.is_some_and(|sent| sent <= number);
         let mut changes = std::mem::take(&mut self.changes);
-        changes.retain(|_, change| {
-            let has_arrived = change.sent.is_some_and(|sent| sent <= number);
-            !has_arrived && !self.was_live(change.at)
-        });
+        changes.retain(|_, change| !has_arrived(change.sent) && !self.was_live(change.at));
         self.changes = changes;
+        self.gaps.retain(|_, sent| !has_arrived(*sent));
+        if !self.gaps.contains_key(&0) {
+            self.lost = None;
+        }
     }
 
-    /// Up to which entry everything is delivered now, if that is further than before.
-    pub(super) fn delivered(&mut self, devices: &Devices) -> Option<(Arc<str>, u64)> {
+    /// What the outbox need not keep any more, if that is new.
+    pub(super) fn settled(&mut self, devices: &Devices) -> Settled {
         let (mut first, mut held) = (None, Vec::new());
         for (number, change) in &self.changes {
             match is_held(change, devices) {
-                true => held.push(*number),
+                true => held.push((*number, change.at)),
                 false => first = first.or(Some(*number)),
             }
         }
         let over = held.len().saturating_sub(HELD_MAX);
-        for number in &held[..over] {
-            self.changes.remove(number);
+        for (number, at) in held.drain(..over) {
+            self.changes.remove(&number);
+            self.dropped += 1;
+            self.miss(Some(at), at);
         }
-        self.dropped += over as u64;
-        self.held = held.len() - over;
+        self.held = held.len();
+        let first = first.into_iter().chain(self.gaps.keys().copied()).min();
         let delivered = first.map_or(self.read, |number| number.saturating_sub(1));
-        (delivered > self.delivered).then(|| {
-            self.delivered = delivered;
-            (Arc::clone(&self.epoch), delivered)
-        })
+        let is_further = delivered > self.delivered;
+        self.delivered = self.delivered.max(delivered);
+        // Only what the outbox no longer has.
+        let times = held.iter().filter(|(number, _)| *number <= self.delivered);
+        let times = times.map(|(_, at)| (*at, *at)).chain(self.lost);
+        let kept = times.reduce(|one, two| (one.0.min(two.0), one.1.max(two.1)));
+        let is_other = self.kept != kept;
+        self.kept = kept;
+        Settled {
+            held: is_other.then_some(kept),
+            delivered: is_further.then(|| (Arc::clone(&self.epoch), self.delivered)),
+        }
     }
 
-    /// What is to be told next of the past, oldest first.
-    pub(super) fn next(&mut self, devices: &Devices) -> Option<Past> {
+    /// What is to be told next of the past at this time, oldest first.
+    pub(super) fn next(&mut self, now: u64, devices: &Devices) -> Option<Past> {
         let live_from = self.live.unwrap_or(u64::MAX);
         let mut past: Option<Past> = None;
-        let mut unknown = Vec::new();
+        let (mut left, mut unknown) = (None, Vec::new());
         for (number, change) in self.changes.range(self.scan..) {
-            let is_past = change.at < live_from && change.sent.is_none();
+            // What is ahead of now happened before the clock was set back.
+            let is_past = change.sent.is_none() && (change.at < live_from || change.at > now);
             let device = devices.get(&change.module);
-            let is_gone = device.is_none_or(|device| device.datatype(&change.label).is_none());
-            if is_gone {
-                unknown.push(*number);
-                continue;
-            }
             let born = device.filter(|device| device.born.is_some() && is_past);
-            let datatype = born.and_then(|device| device.datatype(&change.label));
-            let Some(datatype) = datatype else {
+            let Some(device) = born else {
+                continue;
+            };
+            let datatype = device.datatype(&change.label);
+            let Some(metric) = datatype.and_then(|datatype| metric(change, datatype)) else {
+                unknown.push(*number);
                 continue;
             };
             let past = past.get_or_insert_with(|| Past {
@@ -304,17 +383,19 @@ impl Backlog {
                 metrics: Vec::new(),
                 entries: Vec::new(),
             });
-            if past.device != change.module || past.entries.len() >= MESSAGE_MAX {
+            if past.device != change.module {
+                left = left.or(Some(*number));
+                continue;
+            }
+            past.metrics.push(metric);
+            past.entries.push(*number);
+            if past.entries.len() >= MESSAGE_MAX {
+                left = left.or(Some(number + 1));
                 break;
             }
-            past.metrics.push(metric(change, datatype));
-            past.entries.push(*number);
         }
-        self.scan = match &past {
-            Some(past) => past.entries.last().map_or(self.scan, |last| last + 1),
-            None => self.read + 1,
-        };
-        // There is no metric any more that could be told.
+        self.scan = left.unwrap_or(self.read + 1);
+        // A metric that is no more, or is of another type.
         self.dropped += unknown.len() as u64;
         for number in unknown {
             self.changes.remove(&number);
@@ -342,9 +423,6 @@ impl Backlog {
     }
 }
 
-/// The devices by their names.
-pub(super) type Devices = BTreeMap<String, Device>;
-
 /// Whether a change waits for its module.
 fn is_held(change: &Change, devices: &Devices) -> bool {
     let device = devices.get(&change.module);
@@ -355,14 +433,14 @@ fn unsigned(millis: i64) -> u64 {
     u64::try_from(millis).unwrap_or(0)
 }
 
-/// A change as a metric of the past.
-fn metric(change: &Change, datatype: DataType) -> Metric {
-    let value = change.value.as_ref();
-    let value = value.and_then(|value| match datatype {
-        DataType::Boolean => value.as_bool().map(MetricValue::Boolean),
-        DataType::Double => value.as_f64().map(MetricValue::Double),
-        _ => value.as_u64().map(MetricValue::Long),
-    });
+/// A change as a metric of the past; none where its value is not of this type.
+fn metric(change: &Change, datatype: DataType) -> Option<Metric> {
+    let value = match (&change.value, datatype) {
+        (None, _) => None,
+        (Some(value), DataType::Boolean) => Some(MetricValue::Boolean(value.as_bool()?)),
+        (Some(value), DataType::Double) => Some(MetricValue::Double(value.as_f64()?)),
+        (Some(value), _) => Some(MetricValue::Long(value.as_u64()?)),
+    };
     let time = match change.quality {
         MetricQuality::Good => change.read.unwrap_or(change.at),
         MetricQuality::Stale | MetricQuality::Bad => change.at,
@@ -371,5 +449,6 @@ fn metric(change: &Change, datatype: DataType) -> Metric {
         is_historical: Some(true),
         ..Metric::new(&change.label, time, value)
     };
-    with_quality(metric, change.quality, false)
+    // What a host shows of now says nothing about then.
+    Some(with_quality(metric, change.quality, true))
 }

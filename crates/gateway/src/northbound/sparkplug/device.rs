@@ -41,6 +41,8 @@ struct PointMetric {
     /// Since when it is as it is, in milliseconds since 1970.
     since: u64,
     told: Option<Said>,
+    /// The time that was told last: a host that goes by times takes what is older for the past.
+    last: u64,
 }
 
 /// What a birth says of a metric, besides how it is now.
@@ -134,7 +136,8 @@ impl PointMetric {
             // When it was read is not when it became so.
             MetricQuality::Stale | MetricQuality::Bad => self.since,
         };
-        let metric = Metric::new(&self.status.label, time.min(now), said.value.clone());
+        self.last = time.min(now).max(self.last);
+        let metric = Metric::new(&self.status.label, self.last, said.value.clone());
         let before = self.told.replace(said.clone());
         let was_good = before.is_none_or(|before| before.quality == MetricQuality::Good);
         with_quality(metric, said.quality, !was_good)
@@ -158,6 +161,7 @@ impl Device {
                     status: status.clone(),
                     since: wall(at),
                     told: None,
+                    last: 0,
                 };
                 self.points.insert(status.point, point);
                 true
@@ -253,6 +257,11 @@ impl Device {
                 of,
             )
         })
+    }
+
+    /// The clock was set back: the times that were told are none to go by.
+    pub(super) fn set_back(&mut self) {
+        self.points.values_mut().for_each(|point| point.last = 0);
     }
 
     /// A connection has ended, or it is said to be dead.

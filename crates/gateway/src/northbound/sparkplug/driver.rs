@@ -1,6 +1,6 @@
 //! Connects a [`Node`] to a broker and to the site, again and again.
 
-use super::kept::BirthNumbers;
+use super::kept::NodeFile;
 use super::node::{Input, Job, JobEnd, Node, Now, Output, Setup, death};
 use super::settings;
 use super::topics::Topics;
@@ -16,7 +16,9 @@ use railbus_api::problem::{Problem, codes};
 use railbus_app::api::failures;
 use railbus_site::{Follower, News, Service, WriteTerms};
 use railbus_store::outbox::Piece;
+use std::cell::RefCell;
 use std::pin::{Pin, pin};
+use std::rc::Rc;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::{Duration, SystemTime};
@@ -51,10 +53,13 @@ struct Driver {
     site: Follower,
     /// Commands under way.
     jobs: JoinSet<JobEnd>,
+    file: Rc<RefCell<NodeFile>>,
     outbox: Option<OutboxHandle>,
     /// What is being read of it.
     reading: Option<Reading>,
     began: Instant,
+    /// The broker lets no commands come on the present connection.
+    is_forbidden: bool,
     /// How often what came was wrong.
     wrong: u32,
 }
@@ -74,28 +79,29 @@ pub(super) async fn run(outlet: Outlet) -> Result<(), Problem> {
     }
     let days = outlet.number("replay_days");
     let outbox = outbox(&outlet, &topics, days)?;
+    let file = NodeFile::open(outlet.kept());
     let node = Node::new(Setup {
         site: outlet.site.to_string(),
         topics: topics.clone(),
         rights,
         has_outbox: days > 0,
+        lost: file.held(),
     });
     let mut driver = Driver {
         topics,
         node,
         site: outlet.service.follow(),
         jobs: JoinSet::new(),
+        file: Rc::new(RefCell::new(file)),
         outbox,
         reading: None,
         began: Instant::now(),
+        is_forbidden: false,
         wrong: 0,
         outlet,
     };
-    let mut numbers = BirthNumbers::open(driver.outlet.kept());
-    driver.work(&mut numbers).await;
-    if driver.end().await {
-        numbers.forget();
-    }
+    driver.work().await;
+    driver.end().await;
     Ok(())
 }
 
@@ -119,7 +125,7 @@ fn outbox(outlet: &Outlet, topics: &Topics, days: i64) -> Result<Option<OutboxHa
 }
 
 impl Driver {
-    async fn work(&mut self, numbers: &mut BirthNumbers) {
+    async fn work(&mut self) {
         // Nothing is told before it is known.
         let Some(news) = self.site.next().await else {
             return;
@@ -132,12 +138,12 @@ impl Driver {
         loop {
             let begun = Instant::now();
             let (broker, login) = self.login();
-            let topics = self.topics.clone();
+            let (topics, file) = (self.topics.clone(), Rc::clone(&self.file));
             let mut taken = None;
             let end = {
                 let connecting = pin!(connected(broker, || {
                     // Each try has a will of its own: the broker may have the one before.
-                    let bd_seq = numbers.next();
+                    let bd_seq = file.borrow_mut().next();
                     taken = Some(bd_seq);
                     Login {
                         will: Some(death(&topics, bd_seq)),
@@ -152,14 +158,10 @@ impl Driver {
             let problem = match end {
                 None => return,
                 Some(Err(problem)) => {
-                    let unsent = [
-                        codes::BROKER_UNREACHED,
-                        codes::BROKER_TLS,
-                        codes::BROKER_FILE,
-                    ];
-                    let is_unsent = unsent.iter().any(|unsent| unsent.code == problem.code);
-                    if taken.is_some() && is_unsent {
-                        numbers.unused();
+                    // Where TLS failed, a CONNECT may have gone out.
+                    let unsent = [codes::BROKER_UNREACHED.code, codes::BROKER_FILE.code];
+                    if taken.is_some() && unsent.contains(&&*problem.code) {
+                        self.file.borrow_mut().unused();
                     }
                     problem
                 }
@@ -207,18 +209,17 @@ impl Driver {
         }
     }
 
-    /// The outbox is closed, and removed with its outlet. Whether that is gone for good.
-    async fn end(self) -> bool {
+    /// The outbox is closed, and removed with its outlet.
+    async fn end(self) {
         if let Some(outbox) = self.outbox {
             outbox.end(CLOSE_MAX).await;
         }
         let config = self.outlet.service.config();
         let now = config.outlets.get(&self.outlet.name);
-        let is_gone = now.is_none_or(|now| now.kind != KIND.name);
-        if is_gone {
+        if now.is_none_or(|now| now.kind != KIND.name) {
             outbox::remove(&self.outlet.outbox_file());
+            self.file.borrow().forget();
         }
-        is_gone
     }
 
     /// Which broker, and as whom.
@@ -279,7 +280,10 @@ impl Driver {
                     let service = self.outlet.service.clone();
                     self.jobs.spawn(carry_out(service, job));
                 }
+                // That of forbidden commands stays the last word.
+                Output::Online if self.is_forbidden => {}
                 Output::Online => self.outlet.report.worked(),
+                Output::Hold(held) => self.file.borrow_mut().hold(held),
                 Output::HostAway => {
                     let host = self.topics.host.clone().unwrap_or_default();
                     let problem = Problem::new(codes::HOST_AWAY).with("reason", host);
@@ -357,7 +361,8 @@ impl Driver {
         let dial = receiver.dial();
         let mut pump = pin!(pump(&mut receiver, steps));
         let clocks = || (Instant::now(), SystemTime::now());
-        let (mut ends_by, mut is_refused) = (None, false);
+        let mut ends_by = None;
+        self.is_forbidden = false;
         let mut alive = Alive::since(clocks());
         loop {
             if let Some(problem) = self.drive(Some((&mut sender, limit))) {
@@ -392,12 +397,12 @@ impl Driver {
                         // What has waited was meant for a moment that is over; hosts ask anew.
                         return Ended::Broken(dial.refused(&"railbus stood still for 5 s"));
                     }
-                    self.hear(&mut sender, step, &dial, &mut is_refused);
+                    self.hear(&mut sender, step, &dial);
                 }
                 broken = &mut pump => {
                     // What the broker said last, such as that it has everything.
                     while let Ok(step) = heard.try_recv() {
-                        self.hear(&mut sender, step, &dial, &mut is_refused);
+                        self.hear(&mut sender, step, &dial);
                     }
                     return match ends_by {
                         Some(_) => Ended::Stopped,
@@ -419,7 +424,7 @@ impl Driver {
         }
     }
 
-    fn hear(&mut self, sender: &mut Sender, step: Step, dial: &Dial, is_refused: &mut bool) {
+    fn hear(&mut self, sender: &mut Sender, step: Step, dial: &Dial) {
         match sender.heard(step) {
             None => {}
             Some(Heard::Message(message)) => self.handle(Input::Received(message)),
@@ -428,13 +433,13 @@ impl Driver {
             Some(Heard::Subscribed) => self.handle(Input::Subscribed),
             // Once for each connection: it goes on with what is allowed.
             Some(Heard::NotSubscribed) => {
-                self.handle(Input::Subscribed);
-                if !std::mem::replace(is_refused, true) {
+                if !std::mem::replace(&mut self.is_forbidden, true) {
                     let filters = self.topics.filters().into_iter();
                     let topics: Vec<String> = filters.map(|filter| filter.topic).collect();
                     let problem = dial.forbidden(&topics.join(", "));
                     self.outlet.report.failed(problem, 1, None);
                 }
+                self.handle(Input::Subscribed);
             }
         }
     }

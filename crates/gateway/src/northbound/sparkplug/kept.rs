@@ -1,34 +1,38 @@
-//! The number of the will of a connection, `bdSeq`, in a file of the state folder: a host knows by
-//! it which death belongs to which birth, also over restarts.
+//! What outlives the program: the number of the will of a connection, `bdSeq`, by which a host
+//! knows which death belongs to which birth, and which changes are only in memory.
 
 use railbus_store::durable;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
 /// What is in the file.
-#[derive(Debug, Serialize, Deserialize)]
-struct File {
-    bd_seq: u8,
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+struct Content {
+    /// The last number that went out, or may have; none before the first.
+    bd_seq: Option<u8>,
+    /// The first and the last time of changes that wait for a silent module, in milliseconds since
+    /// 1970.
+    #[serde(default)]
+    held: Option<(u64, u64)>,
 }
 
-/// The numbers of connections, one after the other.
+/// A file of the state folder.
 #[derive(Debug)]
-pub(super) struct BirthNumbers {
+pub(super) struct NodeFile {
     path: PathBuf,
-    /// The last one that went out, or may have; none before the first.
-    last: Option<u8>,
-    /// The last one did not go out.
+    content: Content,
+    /// Nothing was sent with the last number.
     is_free: bool,
 }
 
-impl BirthNumbers {
-    /// After those of an earlier run.
-    pub(super) fn open(path: PathBuf) -> BirthNumbers {
+impl NodeFile {
+    /// With what an earlier run has left.
+    pub(super) fn open(path: PathBuf) -> NodeFile {
         let text = std::fs::read(&path).ok();
-        let file = text.and_then(|text| serde_json::from_slice::<File>(&text).ok());
-        BirthNumbers {
+        let content = text.and_then(|text| serde_json::from_slice(&text).ok());
+        NodeFile {
             path,
-            last: file.map(|file| file.bd_seq),
+            content: content.unwrap_or_default(),
             is_free: false,
         }
     }
@@ -36,25 +40,45 @@ impl BirthNumbers {
     /// The number of the next connection. It is on the disk before it goes out: a broker may
     /// have taken the connection although nobody here knows.
     pub(super) fn next(&mut self) -> u8 {
-        let next = match self.last {
+        let next = match self.content.bd_seq {
             Some(last) if self.is_free => last,
             Some(last) => last.wrapping_add(1),
             None => 0,
         };
         self.is_free = false;
-        if self.last != Some(next)
-            && let Ok(text) = serde_json::to_vec(&File { bd_seq: next })
-        {
-            // Where the disk fails, the numbers go on from an older one after a restart.
-            let _ = durable::replace(&self.path, &text, Some(0o600));
-        }
-        self.last = Some(next);
+        self.keep(Content {
+            bd_seq: Some(next),
+            ..self.content
+        });
         next
     }
 
     /// Nothing was sent with the last number: it is that of the next connection.
     pub(super) fn unused(&mut self) {
         self.is_free = true;
+    }
+
+    /// The times of changes that were only in memory.
+    pub(super) const fn held(&self) -> Option<(u64, u64)> {
+        self.content.held
+    }
+
+    /// These are the times of changes that are only in memory.
+    pub(super) fn hold(&mut self, held: Option<(u64, u64)>) {
+        self.keep(Content {
+            held,
+            ..self.content
+        });
+    }
+
+    fn keep(&mut self, content: Content) {
+        if self.content != content
+            && let Ok(text) = serde_json::to_vec(&content)
+        {
+            // Where the disk fails, a restart goes on from what is there.
+            let _ = durable::replace(&self.path, &text, Some(0o600));
+        }
+        self.content = content;
     }
 
     /// The outlet is gone for good.
@@ -73,17 +97,21 @@ mod tests {
         let name = format!("railbus-bd-seq-{}.json", std::process::id());
         let path = std::env::temp_dir().join(name);
         let _ = std::fs::remove_file(&path);
-        let mut numbers = BirthNumbers::open(path.clone());
-        assert_eq!((numbers.next(), numbers.next()), (0, 1));
-        numbers.unused();
-        assert_eq!(numbers.next(), 1, "no broker was reached");
-        let mut numbers = BirthNumbers::open(path.clone());
-        assert_eq!(numbers.next(), 2);
-        let all: Vec<u8> = (0..256).map(|_| numbers.next()).collect();
+        let mut file = NodeFile::open(path.clone());
+        assert_eq!((file.next(), file.next()), (0, 1));
+        file.unused();
+        assert_eq!(file.next(), 1, "no broker was reached");
+        file.hold(Some((5, 9)));
+        let mut file = NodeFile::open(path.clone());
+        assert_eq!((file.next(), file.held()), (2, Some((5, 9))));
+        let all: Vec<u8> = (0..256).map(|_| file.next()).collect();
         assert!(all.ends_with(&[255, 0, 1, 2]));
+        std::fs::write(&path, "{\"bd_seq\":7}").unwrap();
+        let mut file = NodeFile::open(path.clone());
+        assert_eq!((file.next(), file.held()), (8, None));
         std::fs::write(&path, "{").unwrap();
-        assert_eq!(BirthNumbers::open(path.clone()).next(), 0);
-        numbers.forget();
+        assert_eq!(NodeFile::open(path.clone()).next(), 0);
+        file.forget();
         assert!(!path.exists());
     }
 }

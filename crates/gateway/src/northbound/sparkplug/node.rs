@@ -5,8 +5,8 @@
 //! as they are handed over: none that was numbered is dropped. Where too many wait, all of them
 //! give way to new births, which tell everything anew.
 
-use super::backlog::{Backlog, Devices, MissingSpan};
-use super::device::{Device, LastCommand, wall};
+use super::backlog::{Backlog, Devices};
+use super::device::{Device, LastCommand};
 use super::host::{Host, HostChange, HostState};
 use super::payload::{DataType, Metric, MetricValue, Payload};
 use super::topics::{Topic, Topics};
@@ -14,27 +14,28 @@ use crate::northbound::broker::WINDOW;
 use crate::northbound::broker::link::Filter;
 use crate::northbound::broker::message::{Message, Received};
 use crate::northbound::outbox::OutboxState;
-use railbus_device::Point;
-use railbus_host::Presence;
-use railbus_site::{Batch, ModuleStatus, News, Picture, PointStatus, Rights, Within};
+use railbus_site::{News, Rights, Within};
 use railbus_store::outbox::Piece;
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
-use std::time::{Duration, SystemTime};
+use std::time::Duration;
 
 mod commands;
 mod connection;
 mod own;
+mod site;
 
 pub(super) use own::death;
 
 use connection::{Link, Phase, Queued};
-use own::{answering, missing_metrics, node_metrics};
+use own::{missing_metrics, node_metrics};
 
 /// How many messages wait before all of them give way to new births.
 const QUEUE_MAX: usize = 4_096;
 /// So many messages of now for one of the past, where both wait.
 const LIVE_SHARE: u8 = 4;
+/// So many bytes of the past may be on their way.
+const PAST_MAX: usize = 32 << 10;
 /// How often the broker is asked whether everything arrived.
 const ASK_EVERY: Duration = Duration::from_secs(2);
 /// The primary host is there within this time after a connection, or said to be away: the broker
@@ -115,6 +116,8 @@ pub(super) enum Output {
     HostAway,
     /// What came is wrong, for this reason.
     Wrong(String),
+    /// Changes of these times are only in memory from now on, which is to be written down.
+    Hold(Option<(u64, u64)>),
     /// What is in the outbox after this number is to be read: [`Input::Read`].
     Read(u64),
     /// The broker has what is in the outbox up to this number.
@@ -139,6 +142,8 @@ pub(super) struct Setup {
     pub(super) rights: Rights,
     /// It has an outbox.
     pub(super) has_outbox: bool,
+    /// The times between which an earlier run lost what it held.
+    pub(super) lost: Option<(u64, u64)>,
 }
 
 /// The edge node.
@@ -149,7 +154,6 @@ pub(super) struct Node {
     host: Host,
     link: Option<Link>,
     backlog: Option<Backlog>,
-    missing: Option<MissingSpan>,
     /// The time of the newest change that is known.
     seen: u64,
     outputs: VecDeque<Output>,
@@ -161,12 +165,11 @@ pub(super) struct Node {
 impl Node {
     pub(super) fn new(setup: Setup) -> Node {
         Node {
-            backlog: setup.has_outbox.then(Backlog::default),
+            backlog: setup.has_outbox.then(|| Backlog::new(setup.lost)),
             setup,
             devices: BTreeMap::new(),
             host: Host::default(),
             link: None,
-            missing: None,
             seen: 0,
             outputs: VecDeque::new(),
             under_way: 0,
@@ -220,8 +223,9 @@ impl Node {
         {
             return Some(Output::Read(after));
         }
-        let is_pressed = self.backlog.as_ref().is_some_and(Backlog::is_pressed);
+        let is_full = self.backlog.as_ref().is_some_and(Backlog::is_pressed);
         let link = self.link.as_mut()?;
+        let is_pressed = is_full || link.past_bytes() >= PAST_MAX / 2;
         let is_open = link.phase == Phase::Born && link.arrived < link.went;
         if is_open && link.asked.is_none() && (is_pressed || link.ask_at <= now.steady) {
             link.asked = Some(now.steady);
@@ -254,7 +258,10 @@ impl Node {
         // Nothing of the past before the birth of its device.
         let is_live = link.births > 0 || (link.live < LIVE_SHARE && !link.queue.is_empty());
         let past = match &mut self.backlog {
-            Some(backlog) if !is_live => backlog.next(&self.devices),
+            // A slow line could not take more in the time in which it has to answer.
+            Some(backlog) if !is_live && link.past_bytes() < PAST_MAX => {
+                backlog.next(now.wall, &self.devices)
+            }
             _ => None,
         };
         let (queued, entries) = match past {
@@ -267,6 +274,7 @@ impl Node {
                         ..Payload::default()
                     },
                     is_birth: false,
+                    tells_missing: false,
                     seen: 0,
                 };
                 (queued, past.entries)
@@ -288,14 +296,20 @@ impl Node {
         };
         link.seq = link.seq.wrapping_add(1);
         let next = link.queue.front();
-        let until = next.map_or(self.seen, |next| next.seen.saturating_sub(1));
-        link.mark(until);
+        link.mark(next.map_or(self.seen, |next| next.seen));
+        let payload = payload.bytes();
         if let Some(backlog) = &mut self.backlog {
             backlog.sent(&entries, link.handed);
+            if queued.tells_missing {
+                backlog.missing_sent(link.handed);
+            }
+        }
+        if !entries.is_empty() {
+            link.past.push_back((link.handed, payload.len()));
         }
         let message = Message {
             topic: queued.topic,
-            payload: payload.bytes(),
+            payload,
             is_retained: false,
             is_sure: false,
             correlation: None,
@@ -400,9 +414,11 @@ impl Node {
         link.host_by = None;
         (link.births, link.seq, link.phase) = (0, 0, Phase::Born);
         let online = self.devices.values().filter(|device| device.is_online);
-        let metrics = node_metrics(&self.setup, link.bd_seq, online.count(), self.missing, now);
+        let missing = self.backlog.as_ref().and_then(Backlog::missing);
+        let metrics = node_metrics(&self.setup, link.bd_seq, online.count(), missing, now);
         let topic = self.setup.topics.node("NBIRTH");
         link.push(topic, metrics, true);
+        link.tells_missing();
         for (name, device) in &mut self.devices {
             device.unborn();
             if device.is_online {
@@ -445,8 +461,13 @@ impl Node {
         let Some(link) = &mut self.link else {
             return;
         };
-        link.asked = None;
+        if link.phase == Phase::Born {
+            link.asked = None;
+        }
         link.arrived = link.arrived.max(number);
+        while link.past.front().is_some_and(|(last, _)| *last <= number) {
+            link.past.pop_front();
+        }
         let mut until = None;
         while let Some((last, seen)) = link.marks.front().copied()
             && last <= number
@@ -460,29 +481,39 @@ impl Node {
             }
             backlog.arrived(number);
         }
-        self.delivered();
+        self.settle();
     }
 
     /// The outbox need not keep what the broker has.
-    fn delivered(&mut self) {
-        if let Some(backlog) = &mut self.backlog
-            && let Some((epoch, to)) = backlog.delivered(&self.devices)
-        {
-            self.outputs.push_back(Output::Delivered(epoch, to));
-        }
+    fn settle(&mut self) {
+        let Some(backlog) = &mut self.backlog else {
+            return;
+        };
+        let settled = backlog.settled(&self.devices);
+        // In this order: it is on the disk in one of both places.
+        let held = settled.held.map(Output::Hold);
+        let delivered = settled
+            .delivered
+            .map(|(epoch, to)| Output::Delivered(epoch, to));
+        self.outputs.extend(held);
+        self.outputs.extend(delivered);
     }
 
     fn read(&mut self, now: Now, piece: Option<(Arc<str>, Piece)>) {
         let Some(backlog) = &mut self.backlog else {
             return;
         };
-        backlog.read(now.steady, piece);
-        if let Some(missing) = backlog.missing() {
-            self.missing = Some(missing);
-            self.tell_node(missing_metrics(Some(missing), now));
-        }
+        let before = backlog.missing();
+        backlog.read(now.steady, piece, &self.devices);
         // What was told live has arrived before it was on the disk.
-        self.delivered();
+        self.settle();
+        let missing = self.backlog.as_ref().and_then(Backlog::missing);
+        if missing != before {
+            self.tell_node(missing_metrics(missing, now));
+            if let Some(link) = &mut self.link {
+                link.tells_missing();
+            }
+        }
     }
 
     /// Tells metrics of the node itself.
@@ -491,156 +522,6 @@ impl Node {
         if let Some(link) = self.link.as_mut().filter(|link| link.phase == Phase::Born) {
             let metrics = metrics.into_iter().map(|(metric, _)| metric).collect();
             link.push(topic, metrics, false);
-        }
-    }
-
-    fn picture(&mut self, now: Now, picture: &Picture) {
-        let was_online = self.online();
-        self.saw(picture.at);
-        // Changes before it may have been missed.
-        if self.is_born()
-            && let Some(backlog) = &mut self.backlog
-        {
-            backlog.live_from(self.seen + 1);
-        }
-        let mut gone: BTreeSet<String> = self.devices.keys().cloned().collect();
-        let mut points: BTreeMap<&str, BTreeSet<Point>> = BTreeMap::new();
-        for module in &picture.modules {
-            if self.setup.topics.has(&module.name) {
-                gone.remove(&module.name);
-                points.insert(&module.name, BTreeSet::new());
-                self.devices.entry(module.name.clone()).or_default();
-            }
-        }
-        let mut changed = BTreeMap::new();
-        for status in &picture.points {
-            if let Some(points) = points.get_mut(&*status.module) {
-                points.insert(status.point);
-                self.point(now, status, picture.at, &mut changed);
-            }
-        }
-        for (name, its) in points {
-            if let Some(device) = self.devices.get_mut(name) {
-                device.keep(|point| its.contains(&point));
-            }
-        }
-        for name in gone {
-            self.bury(&name);
-            self.devices.remove(&name);
-        }
-        self.modules(&picture.modules);
-        self.tell(now, changed, was_online);
-    }
-
-    fn batch(&mut self, now: Now, batch: &Batch) {
-        let was_online = self.online();
-        let mut changed = BTreeMap::new();
-        for reading in &batch.points {
-            self.saw(reading.at);
-            self.point(now, &reading.status, reading.at, &mut changed);
-        }
-        self.modules(&batch.modules);
-        self.tell(now, changed, was_online);
-    }
-
-    fn is_born(&self) -> bool {
-        let phase = self.link.as_ref().map(|link| link.phase);
-        phase == Some(Phase::Born)
-    }
-
-    /// A change of this time is known.
-    fn saw(&mut self, at: SystemTime) {
-        let at = wall(at);
-        if at < self.seen
-            && let Some(backlog) = &mut self.backlog
-        {
-            backlog.set_back(self.seen);
-        }
-        self.seen = self.seen.max(at);
-        if let Some(link) = &mut self.link {
-            link.seen = self.seen;
-        }
-    }
-
-    /// A point is like this. A device that lives tells each change, also of several at once.
-    fn point(
-        &mut self,
-        now: Now,
-        status: &PointStatus,
-        at: SystemTime,
-        changed: &mut BTreeMap<String, Vec<Metric>>,
-    ) {
-        let Some(device) = self.devices.get_mut(&status.module) else {
-            return;
-        };
-        let is_new = device.point(status, at);
-        if is_new && device.born.is_some() {
-            let metric = device.metric(status.point, now.wall);
-            let its = changed.entry(status.module.clone()).or_default();
-            its.extend(metric);
-        }
-    }
-
-    fn modules(&mut self, modules: &[ModuleStatus]) {
-        for module in modules {
-            if let Some(device) = self.devices.get_mut(&module.name) {
-                device.is_online = module.presence == Presence::Online;
-            }
-        }
-    }
-
-    fn online(&self) -> usize {
-        let online = self.devices.values().filter(|device| device.is_online);
-        online.count()
-    }
-
-    /// Tells what has changed: births, deaths, and data of those that live.
-    fn tell(&mut self, now: Now, mut changed: BTreeMap<String, Vec<Metric>>, was_online: usize) {
-        let Some(link) = self.link.as_mut().filter(|link| link.phase == Phase::Born) else {
-            return;
-        };
-        let (topics, rights) = (&self.setup.topics, &self.setup.rights);
-        let mut has_births = false;
-        for (name, device) in &mut self.devices {
-            let is_other = |born: &Vec<_>| *born != device.definitions(rights);
-            let is_born = device.born.is_some();
-            let is_other = device.born.as_ref().is_some_and(is_other);
-            if is_born && (!device.is_online || is_other) {
-                device.unborn();
-                link.push(topics.device("DDEATH", name), Vec::new(), false);
-            }
-            if device.is_online && device.born.is_none() {
-                let metrics = device.birth(rights, now.wall);
-                link.push(topics.device("DBIRTH", name), metrics, true);
-                has_births = true;
-            } else if device.born.is_some()
-                && let Some(metrics) = changed.remove(name)
-            {
-                link.push(topics.device("DDATA", name), metrics, false);
-            }
-        }
-        if link.queue.is_empty() {
-            link.mark(self.seen);
-        }
-        if has_births && let Some(backlog) = &mut self.backlog {
-            backlog.born();
-        }
-        let online = self.online();
-        if online != was_online {
-            self.tell_node([answering(online, now)]);
-        }
-        self.shorten(now);
-    }
-
-    /// A device is no more.
-    fn bury(&mut self, name: &str) {
-        let topic = self.setup.topics.device("DDEATH", name);
-        if let Some(device) = self.devices.get_mut(name)
-            && device.born.is_some()
-            && let Some(link) = &mut self.link
-        {
-            device.unborn();
-            link.push(topic, Vec::new(), false);
         }
     }
 

@@ -101,7 +101,13 @@ impl Node {
         if !self.is_born() {
             return Err("the node is not born".to_owned());
         }
-        Payload::parse(&message.payload).map_err(|why| format!("it is no payload: {why}"))
+        let payload = Payload::parse(&message.payload);
+        let payload = payload.map_err(|why| format!("it is no payload: {why}"))?;
+        match payload.metrics.len() {
+            // Each of them gets an answer.
+            0..=COMMANDS_MAX => Ok(payload),
+            many => Err(format!("{many} metrics; at most {COMMANDS_MAX} are taken")),
+        }
     }
 
     fn node_command(&mut self, now: Now, message: &Received) -> Result<(), String> {
@@ -112,8 +118,8 @@ impl Node {
         let mut end = Ok(());
         let mut is_asked = false;
         for metric in &payload.metrics {
-            let name = metric.name.as_deref().unwrap_or_default();
-            match (name, &metric.value) {
+            let name = short(metric);
+            match (&*name, &metric.value) {
                 (REBIRTH, Some(MetricValue::Boolean(true))) => is_asked = true,
                 // What it is without being asked.
                 (REBIRTH, Some(MetricValue::Boolean(false))) => {}
@@ -149,8 +155,7 @@ impl Node {
         });
         let mut end = Ok(());
         for metric in &payload.metrics {
-            let label = metric.name.as_deref().unwrap_or_default();
-            let label: String = label.chars().take(NAME_MAX).collect();
+            let label = short(metric);
             let wish = match within {
                 _ if message.is_retained => Wish::Refused(codes::BAD_REQUEST),
                 None => Wish::Refused(codes::EXPIRED),
@@ -243,4 +248,10 @@ impl Node {
             None => device.last = Some(last),
         }
     }
+}
+
+/// The name of a metric, as far as it is looked at.
+fn short(metric: &Metric) -> String {
+    let name = metric.name.as_deref().unwrap_or_default();
+    name.chars().take(NAME_MAX).collect()
 }

@@ -26,7 +26,9 @@ pub(super) struct Queued {
     pub(super) topic: String,
     pub(super) payload: Payload,
     pub(super) is_birth: bool,
-    /// The time of the newest change that was known when it was made.
+    /// It tells between which times changes may be missing.
+    pub(super) tells_missing: bool,
+    /// Every change until this time is in the messages before it.
     pub(super) seen: u64,
 }
 
@@ -53,9 +55,11 @@ pub(super) struct Link {
     pub(super) live: u8,
     /// When the broker was asked, until it answers.
     pub(super) asked: Option<Duration>,
+    /// The messages of the past that are not known to have arrived, and their lengths.
+    pub(super) past: VecDeque<(u64, usize)>,
     /// When it is asked next.
     pub(super) ask_at: Duration,
-    /// The time of the newest change that is known.
+    /// Every change until this time is in the messages that wait, or in those before them.
     pub(super) seen: u64,
     /// Everything that had happened by the second time went in messages up to the first number.
     pub(super) marks: VecDeque<(u64, u64)>,
@@ -79,6 +83,7 @@ impl Link {
             arrived: 0,
             live: 0,
             asked: None,
+            past: VecDeque::new(),
             ask_at: now.steady + ASK_EVERY,
             seen,
             marks: VecDeque::new(),
@@ -92,8 +97,21 @@ impl Link {
             topic,
             payload: Payload::new(metrics),
             is_birth,
+            tells_missing: false,
             seen: self.seen,
         });
+    }
+
+    /// The last message that waits tells between which times changes may be missing.
+    pub(super) fn tells_missing(&mut self) {
+        if let Some(last) = self.queue.back_mut() {
+            last.tells_missing = true;
+        }
+    }
+
+    /// How many bytes of the past are not known to have arrived.
+    pub(super) fn past_bytes(&self) -> usize {
+        self.past.iter().map(|(_, bytes)| bytes).sum()
     }
 
     /// Everything that is known until this time has been handed over.

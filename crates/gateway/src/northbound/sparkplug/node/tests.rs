@@ -6,7 +6,8 @@ mod stage;
 use super::super::payload::PropertyKind;
 use super::commands::COMMANDS_MAX;
 use super::*;
-use railbus_site::{BadReason, PointQuality};
+use railbus_host::Presence;
+use railbus_site::{BadReason, ModuleStatus, Picture, PointQuality, PointValue};
 use railbus_store::outbox::EntryKind;
 use stage::{BEGIN, SITE, Stage, brief, picture, property, wall_time};
 
@@ -36,6 +37,35 @@ async fn a_value_that_is_not_good_says_so_and_the_next_good_one_too() {
     let told = ["k1=false/500", "k1=null/0", "k1=false/192", "k1=true"];
     let told = told.map(|metric| format!("DDATA oven {metric}"));
     assert_eq!(stage.settle(), told);
+}
+
+/// The reply came after the value had become too old: its request is older than that moment.
+#[tokio::test]
+async fn what_is_told_later_has_no_earlier_time() {
+    let mut stage = Stage::connected(false).await;
+    stage.happens("oven.k1", false, PointQuality::Stale);
+    stage.settle();
+    let mut status = stage.status("oven.k1");
+    (status.value, status.quality) = (Some(PointValue::Bool(true)), PointQuality::Good);
+    status.time = Some(wall_time(stage.now - 2));
+    stage.reading(status);
+    stage.happens("oven.k1", true, PointQuality::Stale);
+    let device = stage.node.devices.get_mut("oven").unwrap();
+    let point = device.find("k1").unwrap().point;
+    let metric = device.metric(point, stage.now + 9).unwrap();
+    assert!(metric.timestamp >= Some(stage.now));
+    let told = stage.settle();
+    assert_eq!(told, ["DDATA oven k1=true/192", "DDATA oven k1=true/500"]);
+    assert!(stage.judge.times.is_sorted(), "{:?}", stage.judge.times);
+}
+
+#[tokio::test]
+async fn with_its_line_a_module_dies() {
+    let mut stage = Stage::connected(false).await;
+    stage.figures(&[("oven", false)]);
+    assert_eq!(stage.settle(), ["DDEATH oven", "NDATA Modules/Answering=0"]);
+    stage.figures(&[("oven", true)]);
+    assert_eq!(stage.settle(), ["DBIRTH oven", "NDATA Modules/Answering=1"]);
 }
 
 #[tokio::test]
@@ -146,7 +176,18 @@ async fn what_is_no_command_moves_nothing_and_says_why() {
         is_retained: true,
         ..Received::default()
     }));
-    for bytes in [&b"\xff\xff\xff"[..], &[0x12; 70_000]] {
+    // The metrics of a flood would each get an answer.
+    let flood = Payload::new(vec![Metric::new("k1", 0, Some(on())); COMMANDS_MAX + 1]);
+    let flood = Payload {
+        timestamp: Some(stage.now),
+        ..flood
+    };
+    let long = Metric::new(&"k".repeat(70_000), 0, Some(on()));
+    let long = Payload {
+        timestamp: Some(stage.now),
+        ..Payload::new(vec![long])
+    };
+    for bytes in [&b"\xff\xff\xff"[..], &flood.bytes(), &long.bytes()] {
         stage.handle(Input::Received(Received {
             topic: "spBv1.0/g/DCMD/n/oven".to_owned(),
             payload: bytes.to_vec(),
@@ -154,11 +195,11 @@ async fn what_is_no_command_moves_nothing_and_says_why() {
         }));
     }
     assert_eq!(code(&mut stage), "E0806", "retained");
-    assert_eq!(stage.wrong.len(), 11, "{:?}", stage.wrong);
+    assert_eq!(stage.wrong.len(), 12, "{:?}", stage.wrong);
     stage.command("DCMD/other/oven", &payload);
     stage.settle();
     assert!(
-        stage.jobs.is_empty() && stage.wrong.len() == 11,
+        stage.jobs.is_empty() && stage.wrong.len() == 12,
         "of another node"
     );
 }
@@ -216,8 +257,14 @@ async fn a_host_that_asks_gets_all_births_again_in_one_block() {
     stage.command("NCMD/n", &Payload::new(vec![rebirth(false)]));
     assert_eq!(stage.settle(), ["DDATA oven k1=false"]);
     stage.command("NCMD/n", &Payload::new(vec![Metric::new("x", 0, None)]));
-    stage.settle();
-    assert_eq!(stage.wrong.len(), 1);
+    stage.handle(Input::Received(Received {
+        topic: "spBv1.0/g/NCMD/n".to_owned(),
+        payload: Payload::new(vec![rebirth(true)]).bytes(),
+        is_retained: true,
+        ..Received::default()
+    }));
+    assert_eq!(stage.settle(), [""; 0]);
+    assert_eq!(stage.wrong.len(), 2);
 }
 
 #[tokio::test]

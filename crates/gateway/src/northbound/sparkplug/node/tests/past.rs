@@ -1,6 +1,8 @@
 //! What changes while nobody is told.
 
 use super::*;
+use railbus_store::outbox::OutboxEntry;
+use std::collections::BTreeSet;
 
 #[tokio::test]
 async fn what_changes_while_the_broker_is_away_comes_as_the_past() {
@@ -26,7 +28,7 @@ async fn what_changes_while_the_broker_is_away_comes_as_the_past() {
     let at = |back: u64| stage.now - BEGIN - back;
     assert_eq!(told[..2], ["NBIRTH", "DBIRTH oven"]);
     let past = format!(
-        "DDATA oven k1=false@{} k1=true@{} k1=false@{} k1=false/500@{}",
+        "DDATA oven k1=false/192@{} k1=true/192@{} k1=false/192@{} k1=false/500@{}",
         at(3),
         at(2),
         at(1),
@@ -69,7 +71,7 @@ async fn what_did_not_arrive_comes_again() {
     stage.handle(Input::Lost);
     stage.handle(Input::Connected(8));
     stage.handle(Input::Subscribed);
-    let past = format!("DDATA oven k1=true@{}", stage.now - BEGIN);
+    let past = format!("DDATA oven k1=true/192@{}", stage.now - BEGIN);
     assert_eq!(stage.settle(), ["NBIRTH", "DBIRTH oven", &past]);
     stage.handle(Input::Lost);
     stage.handle(Input::Connected(9));
@@ -97,7 +99,7 @@ async fn the_past_of_a_silent_module_waits_for_it() {
     stage.handle(Input::Connected(8));
     stage.handle(Input::Subscribed);
     let told = stage.settle();
-    let pump = format!("DDATA pump do1=true@{second}");
+    let pump = format!("DDATA pump do1=true/192@{second}");
     assert_eq!(told, ["NBIRTH", "DBIRTH pump", &pump]);
     stage.answer();
     assert_eq!(
@@ -106,7 +108,7 @@ async fn the_past_of_a_silent_module_waits_for_it() {
         "nothing holds the outbox up"
     );
     stage.modules(&[("oven", true)]);
-    let oven = format!("DDATA oven k1=true@{first}");
+    let oven = format!("DDATA oven k1=true/192@{first}");
     let told = stage.settle();
     assert_eq!(told, ["DBIRTH oven", &oven, "NDATA Modules/Answering=2"]);
 }
@@ -124,7 +126,7 @@ async fn nothing_is_lost_where_the_clock_is_set_back() {
     let back = stage.now;
     stage.now -= 1_800_000;
     stage.happens("oven.k1", false, PointQuality::Good);
-    let past = format!("DDATA oven k1=false@{}", stage.now - BEGIN);
+    let past = format!("DDATA oven k1=false/192@{}", stage.now - BEGIN);
     stage.stored();
     stage.now = back;
     stage.handle(Input::Connected(8));
@@ -147,7 +149,7 @@ async fn what_a_picture_has_skipped_comes_as_the_past() {
     let told = stage.settle();
     stage.stored();
     let at = |which: usize| entries[which].1 - BEGIN;
-    let past = format!("DDATA oven k1=true@{} k1=false@{}", at(0), at(1));
+    let past = format!("DDATA oven k1=true/192@{} k1=false/192@{}", at(0), at(1));
     assert_eq!(told, [""; 0], "it is as it was");
     assert_eq!(stage.settle(), [past]);
 }
@@ -177,6 +179,195 @@ async fn the_broker_is_asked_at_once_where_much_waits() {
         stage.delivered
     );
     assert_eq!(stage.now, now);
+}
+
+#[tokio::test]
+async fn what_a_module_told_last_is_told_before_its_death() {
+    let mut stage = Stage::connected(true).await;
+    stage.stored();
+    stage.settle();
+    stage.answer();
+    stage.happens_with("oven.k1", true, &[("oven", false)]);
+    let told = stage.settle();
+    assert_eq!(told[..2], ["DDATA oven k1=true", "DDEATH oven"]);
+    stage.stored();
+    stage.answer();
+    assert_eq!(stage.delivered.last(), Some(&2));
+}
+
+#[tokio::test]
+async fn what_is_only_in_memory_is_missing_after_a_restart() {
+    let mut stage = Stage::connected(true).await;
+    stage.stored();
+    stage.settle();
+    stage.answer();
+    stage.handle(Input::Lost);
+    stage.happens("oven.k1", true, PointQuality::Good);
+    let first = stage.now;
+    stage.happens("oven.k1", false, PointQuality::Good);
+    let last = stage.now;
+    stage.modules(&[("oven", false), ("pump", true)]);
+    stage.stored();
+    stage.connect(8);
+    stage.settle();
+    stage.answer();
+    assert_eq!(stage.held, Some((first, last)), "it is written down");
+    assert_eq!(stage.delivered.last(), Some(&3), "and then it is deleted");
+
+    let mut again = Stage::after(Some((first, last))).await;
+    again.modules(&[("pump", true)]);
+    again.connect(9);
+    let told = again.settle();
+    assert_eq!(told, ["NBIRTH", "DBIRTH pump"]);
+    assert_eq!(again.judge.missing, Some((Some(first), last)));
+    assert_eq!(again.held, Some((first, last)), "it may not have arrived");
+    again.answer();
+    assert_eq!(again.held, None);
+
+    // Where its module comes back, nothing is missing.
+    stage.modules(&[("oven", true)]);
+    assert_eq!(stage.settle().len(), 3);
+    stage.answer();
+    assert_eq!(stage.held, None);
+}
+
+#[tokio::test]
+async fn several_gaps_are_told_as_one_and_kept_until_then() {
+    let mut stage = Stage::connected(true).await;
+    stage.stored();
+    stage.settle();
+    stage.answer();
+    stage.handle(Input::Lost);
+    stage.gap(10, 20);
+    stage.gap(50, 60);
+    stage.stored();
+    stage.settle();
+    assert_eq!(stage.delivered.last(), Some(&1));
+    stage.connect(8);
+    stage.settle();
+    assert_eq!(stage.judge.missing, Some((Some(BEGIN + 10), BEGIN + 60)));
+    stage.handle(Input::Lost);
+    stage.connect(9);
+    stage.settle();
+    assert_eq!(stage.delivered.last(), Some(&1), "it did not arrive");
+    stage.answer();
+    assert_eq!(stage.delivered.last(), Some(&3));
+    stage.gap(70, 80);
+    stage.stored();
+    let told = stage.settle().concat();
+    assert!(told.contains("NDATA Missing/From"), "{told}");
+    assert_eq!(stage.judge.missing, Some((Some(BEGIN + 10), BEGIN + 80)));
+}
+
+/// Two messages of one batch, of which only the first has arrived.
+#[tokio::test]
+async fn a_part_of_a_batch_is_not_taken_for_all_of_it() {
+    let mut stage = Stage::connected(true).await;
+    stage.modules(&[("pump", true)]);
+    stage.stored();
+    stage.settle();
+    stage.answer();
+    stage.together(&[("pump.do1", true), ("oven.k1", true)]);
+    let (_, first) = stage.one();
+    stage.stored();
+    stage.handle(Input::Went(first));
+    stage.handle(Input::Arrived(first));
+    stage.handle(Input::Lost);
+    stage.connect(8);
+    let told = stage.settle().concat();
+    assert!(told.contains("DDATA pump do1=true/192@"), "{told}");
+}
+
+#[tokio::test]
+async fn a_value_of_another_type_is_not_told_as_none() {
+    let mut stage = Stage::connected(true).await;
+    stage.stored();
+    stage.settle();
+    stage.answer();
+    stage.handle(Input::Lost);
+    stage.happens("oven.k1", true, PointQuality::Good);
+    let Some(OutboxEntry {
+        what: EntryKind::Reading { value, .. },
+        ..
+    }) = stage.entries.last_mut()
+    else {
+        panic!("a reading");
+    };
+    *value = Some("7".to_owned());
+    stage.stored();
+    stage.connect(8);
+    assert_eq!(stage.settle(), ["NBIRTH", "DBIRTH oven"]);
+    assert_eq!(stage.node.counted().dropped, 1);
+}
+
+#[tokio::test]
+async fn only_so_much_of_the_past_is_on_its_way() {
+    let mut stage = Stage::connected(true).await;
+    stage.answer();
+    stage.handle(Input::Lost);
+    for round in 0..2_000 {
+        stage.happens("oven.k1", round % 2 == 0, PointQuality::Good);
+    }
+    stage.stored();
+    stage.connect(8);
+    let told = stage.settle();
+    let bytes: usize = told.iter().map(String::len).sum();
+    assert!(
+        told.len() > 3 && told.len() < 15,
+        "{} messages, {bytes}",
+        told.len()
+    );
+    assert!(
+        stage.asked > 0,
+        "and it is asked at once whether it arrived"
+    );
+}
+
+#[tokio::test]
+async fn what_could_not_be_read_is_tried_again_later() {
+    let mut backlog = Backlog::default();
+    let devices = Devices::new();
+    backlog.stored(&OutboxState {
+        epoch: Arc::from("e"),
+        newest: 9,
+        delivered: 0,
+    });
+    assert_eq!(backlog.next_read(Duration::ZERO), Some(0));
+    assert_eq!(backlog.next_read(Duration::ZERO), None, "it is being read");
+    backlog.read(Duration::ZERO, None, &devices);
+    assert_eq!(backlog.next_read(Duration::ZERO), None);
+    let again = backlog.deadline().unwrap();
+    assert_eq!(backlog.next_read(again), Some(0));
+    // What another file has is not what this one has.
+    let piece = Piece {
+        first: 1,
+        entries: vec![],
+        missing: None,
+    };
+    backlog.read(again, Some((Arc::from("other"), piece)), &devices);
+    assert_eq!(backlog.next_read(again), Some(0));
+}
+
+#[tokio::test]
+async fn a_silent_module_holds_so_many_changes_and_no_more() {
+    let mut stage = Stage::connected(true).await;
+    stage.stored();
+    stage.settle();
+    stage.answer();
+    stage.modules(&[("oven", false)]);
+    let entry = stage.entries[0].clone();
+    let more = super::super::super::backlog::HELD_MAX + 5;
+    stage.piece = more;
+    for nth in 0..more {
+        let mut entry = entry.clone();
+        entry.at = i64::try_from(BEGIN - 100_000 + nth as u64).unwrap();
+        stage.entries.push(entry);
+    }
+    stage.stored();
+    stage.settle();
+    assert_eq!(stage.node.counted().dropped, 5);
+    let missing = stage.judge.missing.unwrap();
+    assert_eq!(missing, (Some(BEGIN - 100_000), BEGIN - 100_000 + 4));
 }
 
 #[tokio::test]
@@ -246,9 +437,13 @@ async fn random(seed: u64) {
         match dice(if is_last { 5 } else { 12 }) {
             0..=2 if !is_last => {
                 // Of a module that does not answer nothing new is known.
-                let which = usize::try_from(if online { dice(3) } else { 2 }).unwrap();
-                values[which] = !values[which];
-                stage.happens(paths[which], values[which], PointQuality::Good);
+                let mut changes = Vec::new();
+                for _ in 0..=dice(3) {
+                    let which = usize::try_from(if online { dice(3) } else { 2 }).unwrap();
+                    values[which] = !values[which];
+                    changes.push((paths[which], values[which]));
+                }
+                stage.together(&changes);
             }
             3 => {
                 // The broker has what went before the question.
@@ -258,8 +453,9 @@ async fn random(seed: u64) {
                     let come: Vec<(u64, Message)> = come;
                     for (_, message) in &come {
                         let of_host = changes(message);
-                        // How it is at a birth is no change that was told.
-                        if message.topic.contains("DATA") {
+                        // How it is at a birth is no change that was told; and of several messages
+                        // that are of one moment, all must have arrived.
+                        if message.topic.contains("DATA") && flying.is_empty() {
                             arrived.extend(of_host.iter().cloned());
                         }
                         stage.judge.heard(message);
@@ -284,7 +480,15 @@ async fn random(seed: u64) {
             }
             7 if !is_last => {
                 online = !online;
-                stage.modules(&[("oven", online)]);
+                match dice(3) {
+                    0 => stage.modules(&[("oven", online)]),
+                    1 => stage.figures(&[("oven", online)]),
+                    // Its last reading comes with it.
+                    _ => {
+                        values[0] = !values[0];
+                        stage.happens_with(paths[0], values[0], &[("oven", online)]);
+                    }
+                }
             }
             8 | 9 if !is_connected => {
                 stage.handle(Input::Connected(bd_seq));

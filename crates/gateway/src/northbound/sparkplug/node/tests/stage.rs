@@ -2,8 +2,13 @@
 
 use super::super::super::payload::{PropertyKind, PropertySet};
 use super::super::*;
-use railbus_site::{Config, PointQuality, PointReading, PointStatus, PointValue, Role, Service};
+use railbus_host::Presence;
+use railbus_site::{
+    Batch, Config, Picture, PointQuality, PointReading, PointStatus, PointValue, Role, Service,
+};
 use railbus_store::outbox::{EntryKind, OutboxEntry};
+use std::collections::BTreeSet;
+use std::time::SystemTime;
 
 pub(super) const SITE: &str = "[line.main]\nport = \"/dev/ttyS99\"\n\
     [module.oven]\nline = \"main\"\n\
@@ -35,6 +40,10 @@ pub(super) struct HostJudge {
     /// Every message as `DDATA oven k1=true`.
     pub(super) told: Vec<String>,
     pub(super) bd_seq: Option<u64>,
+    /// Between which times changes may be missing.
+    pub(super) missing: Option<(Option<u64>, u64)>,
+    /// The times of `k1`, as they were told.
+    pub(super) times: Vec<u64>,
 }
 
 impl HostJudge {
@@ -70,6 +79,17 @@ impl HostJudge {
             _ => assert_eq!(seq, (self.seq.unwrap() + 1) % 256, "{}", message.topic),
         }
         self.seq = Some(seq);
+        let time = |name: &str| match value(&payload, name) {
+            Some(MetricValue::Long(time)) => Some(time),
+            _ => None,
+        };
+        let mut live = payload.metrics.iter();
+        let k1 = live.find(|metric| metric.name.as_deref() == Some("k1"));
+        let k1 = k1.filter(|metric| metric.is_historical.is_none());
+        self.times.extend(k1.and_then(|metric| metric.timestamp));
+        if let Some(until) = time("Missing/Until") {
+            self.missing = Some((time("Missing/From"), until));
+        }
         match kind {
             "NBIRTH" | "DBIRTH" => {
                 let is_new = self.born.insert(device.to_owned(), names).is_none();
@@ -138,16 +158,31 @@ pub(super) struct Stage {
     pub(super) jobs: Vec<Job>,
     pub(super) wrong: Vec<String>,
     pub(super) asked: usize,
+    /// The times of what is only in memory.
+    pub(super) held: Option<(u64, u64)>,
     /// It was told that the primary host is away.
     pub(super) is_host_away: bool,
     pub(super) last: u64,
     pub(super) delivered: Vec<u64>,
+    /// How many entries are read at a time.
+    pub(super) piece: usize,
     /// What is in the outbox.
     pub(super) entries: Vec<OutboxEntry>,
 }
 
 impl Stage {
     pub(super) async fn new(host: Option<&str>, has_outbox: bool) -> Stage {
+        Stage::with(host, has_outbox, None).await
+    }
+
+    /// One after a run that lost what it held between these times.
+    pub(super) async fn after(lost: Option<(u64, u64)>) -> Stage {
+        let mut stage = Stage::with(None, true, lost).await;
+        stage.held = lost;
+        stage
+    }
+
+    async fn with(host: Option<&str>, has_outbox: bool, lost: Option<(u64, u64)>) -> Stage {
         let picture = picture(SITE).await;
         let node = Node::new(Setup {
             site: "plant".to_owned(),
@@ -162,6 +197,7 @@ impl Stage {
                 points: vec!["oven.k1".to_owned()].into(),
             },
             has_outbox,
+            lost,
         });
         let mut stage = Stage {
             node,
@@ -171,9 +207,11 @@ impl Stage {
             jobs: Vec::new(),
             wrong: Vec::new(),
             asked: 0,
+            held: None,
             is_host_away: false,
             last: 0,
             delivered: Vec::new(),
+            piece: 3,
             entries: Vec::new(),
         };
         let mut first = picture;
@@ -202,6 +240,83 @@ impl Stage {
         self.node.handle(now, input);
     }
 
+    pub(super) fn connect(&mut self, bd_seq: u8) {
+        self.handle(Input::Connected(bd_seq));
+        self.handle(Input::Subscribed);
+    }
+
+    /// The next message only, and its number.
+    pub(super) fn one(&mut self) -> (String, u64) {
+        loop {
+            match self.node.poll(self.now()).expect("a message") {
+                Output::Publish(number, message) => {
+                    self.judge.heard(&message);
+                    self.last = number;
+                    return (message.topic, number);
+                }
+                Output::Delivered(_, to) => self.delivered.push(to),
+                _ => {}
+            }
+        }
+    }
+
+    /// Outputs are switched, each a little later, and told in one batch.
+    pub(super) fn together(&mut self, values: &[(&str, bool)]) {
+        let mut points = Vec::new();
+        for (path, on) in values {
+            self.now += 1;
+            let mut status = self.status(path);
+            (status.value, status.quality) = (Some(PointValue::Bool(*on)), PointQuality::Good);
+            status.time = Some(wall_time(self.now));
+            let entry = self.entry(path, *on, "good", self.now);
+            self.entries.push(entry);
+            let at = wall_time(self.now);
+            points.push(PointReading { at, status });
+        }
+        let batch = self.batch(points.into(), &[]);
+        self.news(&News::Batch(Arc::new(batch)));
+    }
+
+    /// The same for one output, and whether modules answer.
+    pub(super) fn happens_with(&mut self, path: &str, on: bool, online: &[(&str, bool)]) {
+        self.now += 1;
+        let mut status = self.status(path);
+        (status.value, status.quality) = (Some(PointValue::Bool(on)), PointQuality::Good);
+        status.time = Some(wall_time(self.now));
+        let entry = self.entry(path, on, "good", self.now);
+        self.entries.push(entry);
+        let at = wall_time(self.now);
+        let batch = self.batch([PointReading { at, status }].into(), online);
+        self.news(&News::Batch(Arc::new(batch)));
+    }
+
+    /// A point is read.
+    pub(super) fn reading(&mut self, status: PointStatus) {
+        self.now += 1;
+        let at = wall_time(self.now);
+        let batch = self.batch([PointReading { at, status }].into(), &[]);
+        self.news(&News::Batch(Arc::new(batch)));
+    }
+
+    /// What is compared now and then: whether modules answer while their line comes or goes.
+    pub(super) fn figures(&mut self, online: &[(&str, bool)]) {
+        self.now += 1;
+        let mut batch = self.batch(Box::default(), online);
+        batch.figures = std::mem::take(&mut batch.modules);
+        self.news(&News::Batch(Arc::new(batch)));
+    }
+
+    /// The outbox says that changes are missing.
+    pub(super) fn gap(&mut self, from: u64, until: u64) {
+        self.entries.push(OutboxEntry {
+            at: i64::try_from(BEGIN + until).unwrap(),
+            what: EntryKind::Gap {
+                from: Some(i64::try_from(BEGIN + from).unwrap()),
+                reason: "overrun".to_owned(),
+            },
+        });
+    }
+
     pub(super) fn news(&mut self, news: &News) {
         self.handle(Input::News(news));
     }
@@ -221,7 +336,7 @@ impl Stage {
                 Output::Read(after) => {
                     let first = after + 1;
                     let rest = self.entries.iter().skip(usize::try_from(after).unwrap());
-                    let entries: Vec<_> = rest.take(3).cloned().collect();
+                    let entries: Vec<_> = rest.take(self.piece).cloned().collect();
                     let piece = (!entries.is_empty()).then_some(Piece {
                         first,
                         entries,
@@ -233,6 +348,7 @@ impl Stage {
                     assert_eq!(&*epoch, "e");
                     self.delivered.push(to);
                 }
+                Output::Hold(held) => self.held = held,
                 Output::HostAway => self.is_host_away = true,
                 Output::Online => self.is_host_away = false,
                 Output::Subscribe(_) => {}
