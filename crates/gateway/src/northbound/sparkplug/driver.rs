@@ -511,3 +511,6 @@ pub(super) async fn test(outlet: Outlet) -> Result<String, Problem> {
     let broker = settings::broker(&outlet.settings.borrow(), &outlet.site, &outlet.name);
     session::test(outlet, broker).await
 }
+
+#[cfg(test)]
+mod tests;

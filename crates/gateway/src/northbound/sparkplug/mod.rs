@@ -13,6 +13,8 @@ mod host;
 mod kept;
 mod node;
 mod payload;
+#[cfg(test)]
+mod requirements;
 mod settings;
 mod topics;
 

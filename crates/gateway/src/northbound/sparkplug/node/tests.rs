@@ -1,6 +1,7 @@
 //! The machine, without a broker and without a clock.
 
 mod past;
+mod rules;
 mod stage;
 
 use super::super::payload::PropertyKind;

@@ -94,16 +94,18 @@ impl HostJudge {
             "NBIRTH" | "DBIRTH" => {
                 let is_new = self.born.insert(device.to_owned(), names).is_none();
                 assert!(is_new, "{device} lives already");
-                let has_type = |metric: &Metric| metric.datatype.is_some();
-                assert!(payload.metrics.iter().all(has_type));
+                payload.metrics.iter().for_each(typed);
             }
             "NDATA" | "DDATA" => {
                 let born = self.born.get(device).expect("it is born");
                 assert!(names.is_subset(born), "{names:?}");
+                let has_type = |metric: &Metric| metric.datatype.is_some();
+                assert!(!payload.metrics.iter().any(has_type), "{kind}");
             }
             "DDEATH" => assert!(self.born.remove(device).is_some(), "{device} is dead"),
             other => panic!("{other}"),
         }
+        payload.metrics.iter().for_each(complete);
         let live = payload.metrics.iter();
         let live = live.filter(|metric| metric.is_historical.is_none());
         assert!(live.map(|metric| metric.timestamp.unwrap()).is_sorted());
@@ -114,6 +116,39 @@ impl HostJudge {
         let words = [kind, device].into_iter().filter(|word| !word.is_empty());
         let words = words.map(str::to_owned).chain(metrics);
         self.told.push(words.collect::<Vec<_>>().join(" "));
+    }
+}
+
+/// The type of a metric in a birth is a known one, and that of its value.
+fn typed(metric: &Metric) {
+    let datatype = metric.datatype.unwrap();
+    let right: &[u32] = match &metric.value {
+        None => &[4, 10, 11, 12, 13],
+        Some(MetricValue::Long(_)) => &[4, 13],
+        Some(MetricValue::Double(_)) => &[10],
+        Some(MetricValue::Boolean(_)) => &[11],
+        Some(MetricValue::Text(_)) => &[12],
+        Some(MetricValue::Int(_) | MetricValue::Float(_)) => &[],
+    };
+    assert!(right.contains(&datatype), "{metric:?}");
+}
+
+/// A metric has a time, and a value or null instead; its properties have a type and a value each.
+fn complete(metric: &Metric) {
+    assert!(metric.timestamp.is_some_and(|at| at > 0), "{metric:?}");
+    let is_null = metric.value.is_none().then_some(true);
+    assert_eq!(metric.is_null, is_null, "{metric:?}");
+    let set = metric.properties.clone().unwrap_or_default();
+    assert_eq!(set.keys.len(), set.values.len(), "{metric:?}");
+    for (key, property) in set.keys.iter().zip(&set.values) {
+        let is_quality = key == "Quality";
+        let is_right = match (property.datatype, &property.value) {
+            (Some(3), Some(PropertyKind::Int(0 | 192 | 500))) => is_quality,
+            (Some(11), Some(PropertyKind::Boolean(_)))
+            | (Some(12), Some(PropertyKind::Text(_))) => !is_quality,
+            _ => false,
+        };
+        assert!(is_right, "{metric:?}");
     }
 }
 
