@@ -2,6 +2,7 @@
 
 use super::stage::value;
 use super::*;
+use std::collections::BTreeSet;
 
 /// A module of each kind of point: outputs, inputs, counters, analog values.
 const EVERY: &str = "[line.main]\nport = \"/dev/ttyS99\"\n\
