@@ -175,8 +175,9 @@ def followed(s, entry, since, made):
                 if at is None or not began <= at <= end]
         s.check(entry, late, [], f"{point}, not at their times (value, at, after, before):")
     # What has become too old has the time at which it was read.
-    times = [at for _, _, at, of, _ in found if of == GOOD]
-    s.check(entry, times, sorted(times, key=lambda at: at or 0), "their order")
+    for module in {name.split(".")[0] for name, *_ in found}:
+        times = [at for name, _, at, of, _ in found if of == GOOD and name.startswith(module)]
+        s.check(entry, times, sorted(times, key=lambda at: at or 0), f"the order of {module}")
     same = [each[:4] for each in found]
     s.check(entry, [each for each in same if same.count(each) > 1], [], "told twice")
     births = [s.host.place(each) for kind in ("NBIRTH", "DBIRTH")
