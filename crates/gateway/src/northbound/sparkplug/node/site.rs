@@ -107,11 +107,18 @@ impl Node {
 
     /// Everything that is known is in the messages that wait, or in those before them.
     fn all_queued(&mut self) {
-        if let Some(link) = &mut self.link {
-            link.seen = self.seen;
-            if link.queue.is_empty() && link.phase == Phase::Born {
-                link.mark(self.seen);
-            }
+        let Some(link) = &mut self.link else {
+            return;
+        };
+        link.seen = self.seen;
+        if !link.queue.is_empty() || link.phase != Phase::Born {
+            return;
+        }
+        link.mark(self.seen);
+        // Nothing more goes out that could be asked for.
+        if link.arrived == link.handed {
+            let last = link.arrived;
+            self.arrived(last);
         }
     }
 

@@ -231,6 +231,23 @@ async fn what_is_only_in_memory_is_missing_after_a_restart() {
     assert_eq!(stage.held, None);
 }
 
+/// Its death says how it is: of a silent module, why its values are bad is not waited with.
+#[tokio::test]
+async fn what_needs_no_message_is_delivered_without_one() {
+    let mut stage = Stage::connected(true).await;
+    stage.stored();
+    stage.settle();
+    stage.answer();
+    stage.modules(&[("oven", false)]);
+    stage.settle();
+    stage.answer();
+    stage.happens("oven.k1", false, PointQuality::Bad(BadReason::Offline));
+    stage.stored();
+    assert_eq!(stage.settle(), [""; 0]);
+    assert_eq!(stage.delivered.last(), Some(&2));
+    assert_eq!((stage.held, stage.node.waiting()), (None, 0));
+}
+
 #[tokio::test]
 async fn several_gaps_are_told_as_one_and_kept_until_then() {
     let mut stage = Stage::connected(true).await;
