@@ -110,6 +110,32 @@ for (const lang of ["en", "zh"]) {
   });
 }
 
+for (const lang of ["en", "zh"]) {
+  test(`a switch does not move when its module falls silent: ${lang}`, async () => {
+    const { context, page } = await visitor({ ...LOOKS[0], lang });
+    for (const width of [360, 1280]) {
+      await page.setViewportSize({ width, height: 800 });
+      for (const path of ["/", "/module/oven"]) {
+        await goTo(page, path);
+        const whole = path === "/" ? page.locator("article", { has: page.locator('a[href="/module/oven"]') }) : page.locator("main");
+        const answers = whole.locator("button.switch:not(.stale)").first();
+        await answers.waitFor();
+        const moved = await watchSwitches(page);
+        await ask("PUT", "/sim/main/oven", { powered: false });
+        try {
+          await whole.locator(".tag.bad").waitFor();
+          if (path !== "/") await page.locator("main .note.warn").waitFor();
+        } finally {
+          await ask("PUT", "/sim/main/oven", { powered: true });
+        }
+        await answers.waitFor();
+        assert.ok((await moved()) < 0.5, `a switch moved by ${await moved()} px at ${width} ${path}`);
+      }
+    }
+    await context.close();
+  });
+}
+
 test("all is well: measured", async () => {
   for (const look of LOOKS) {
     const { context, page } = await visitor(look);
