@@ -44,6 +44,8 @@ pub(super) struct OutboxState {
     pub(super) epoch: Arc<str>,
     /// The number of the newest entry on the disk.
     pub(super) newest: u64,
+    /// The newest one when it was opened.
+    pub(super) before: u64,
     /// Up to which number the receiver had everything when it was opened.
     pub(super) delivered: u64,
 }
@@ -258,6 +260,10 @@ impl Keeper {
                 empty.insert(outbox)
             }
         };
+        let before = match *self.told.borrow().epoch == *outbox.epoch() {
+            true => self.told.borrow().before,
+            false => outbox.newest()?,
+        };
         let waiting = self.recording.waiting(SystemTime::now());
         let newest = match waiting.is_empty() {
             true => outbox.newest()?,
@@ -271,6 +277,7 @@ impl Keeper {
         let now = OutboxState {
             epoch: Arc::from(outbox.epoch()),
             newest,
+            before,
             delivered,
         };
         self.told.send_if_modified(|told| {

@@ -375,7 +375,10 @@ impl Driver {
         let mut alive = Alive::since(clocks());
         loop {
             if let Some(problem) = self.drive(Some((&mut sender, limit))) {
-                return Ended::Broken(problem);
+                return match ends_by {
+                    Some(_) => Ended::Stopped,
+                    None => Ended::Broken(problem),
+                };
             }
             if self.node.is_done() {
                 if self.is_gone {
@@ -414,7 +417,11 @@ impl Driver {
                         };
                     }
                     if is_late {
-                        return Ended::Broken(dial.refused(&"railbus stood still for 5 s"));
+                        // It is to stop once only.
+                        return match ends_by {
+                            Some(_) => Ended::Stopped,
+                            None => Ended::Broken(dial.refused(&"railbus stood still for 5 s")),
+                        };
                     }
                 }
                 broken = &mut pump => {

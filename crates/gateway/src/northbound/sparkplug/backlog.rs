@@ -50,6 +50,8 @@ struct Change {
 struct Span {
     from: u64,
     until: u64,
+    /// Entries up to this one were there before.
+    after: u64,
 }
 
 /// Changes may be missing between these times, in milliseconds since 1970.
@@ -94,10 +96,10 @@ pub(super) struct Backlog {
     held: usize,
     /// What is written down of them.
     kept: Option<(u64, u64)>,
-    /// What was written down by an earlier run, until it was told.
+    /// What an earlier run held, and what was dropped since, until it was told.
     lost: Option<(u64, u64)>,
     /// Entries that say that changes are missing, and the message in which that went; the number 0
-    /// is that of an earlier run.
+    /// stands for what is lost.
     gaps: BTreeMap<u64, Option<u64>>,
     missing: Option<MissingSpan>,
     /// Those before this one have been sent, or can't be.
@@ -142,6 +144,9 @@ impl Backlog {
                 live: self.live,
                 ..Backlog::default()
             };
+            for span in &mut self.spans {
+                span.after = state.before;
+            }
         }
         self.newest = state.newest;
     }
@@ -186,6 +191,7 @@ impl Backlog {
             return;
         }
         if let Some(missing) = piece.missing {
+            self.gaps.insert(piece.first - 1, None);
             self.miss(missing.from.map(unsigned), unsigned(missing.to));
         }
         for (number, entry) in (piece.first..).zip(piece.entries) {
@@ -213,7 +219,7 @@ impl Backlog {
                 // There is no metric any more that could be told.
                 let device = devices.get(module);
                 let is_known = device.is_some_and(|device| device.datatype(label).is_some());
-                if !is_known || self.was_live(unsigned(entry.at)) {
+                if !is_known || self.was_live(number, unsigned(entry.at)) {
                     return;
                 }
                 let value = value.and_then(|value| serde_json::from_str(&value).ok());
@@ -236,9 +242,16 @@ impl Backlog {
     }
 
     /// Whether what happened at this time was told live, and arrived.
-    fn was_live(&self, at: u64) -> bool {
+    fn was_live(&self, number: u64, at: u64) -> bool {
         let mut spans = self.spans.iter();
-        spans.any(|span| (span.from..=span.until).contains(&at))
+        spans.any(|span| number > span.after && (span.from..=span.until).contains(&at))
+    }
+
+    /// Others of this time come.
+    pub(super) fn cap(&mut self, before: u64) {
+        if let Some(span) = self.spans.back_mut() {
+            span.until = span.until.min(before);
+        }
     }
 
     /// One span for all that may be missing: a host reads the newest of a metric only.
@@ -257,6 +270,11 @@ impl Backlog {
         self.missing
     }
 
+    /// Whether something is missing that no message tells yet.
+    pub(super) fn is_untold(&self) -> bool {
+        self.gaps.values().any(Option::is_none)
+    }
+
     /// That went in the message of this number.
     pub(super) fn missing_sent(&mut self, message: u64) {
         for sent in self.gaps.values_mut() {
@@ -272,7 +290,12 @@ impl Backlog {
     /// From this time on everything is told live.
     pub(super) fn live_from(&mut self, from: u64) {
         self.live = Some(from);
-        self.spans.push_back(Span { from, until: 0 });
+        let after = self.newest;
+        self.spans.push_back(Span {
+            from,
+            until: 0,
+            after,
+        });
         if self.spans.len() > SPANS_MAX {
             self.spans.pop_front();
         }
@@ -320,7 +343,9 @@ impl Backlog {
     pub(super) fn arrived(&mut self, number: u64) {
         let has_arrived = |sent: Option<u64>| sent.is_some_and(|sent| sent <= number);
         let mut changes = std::mem::take(&mut self.changes);
-        changes.retain(|_, change| !has_arrived(change.sent) && !self.was_live(change.at));
+        changes.retain(|number, change| {
+            !has_arrived(change.sent) && !self.was_live(*number, change.at)
+        });
         self.changes = changes;
         self.gaps.retain(|_, sent| !has_arrived(*sent));
         if !self.gaps.contains_key(&0) {
@@ -342,6 +367,9 @@ impl Backlog {
             self.changes.remove(&number);
             self.dropped += 1;
             self.miss(Some(at), at);
+            self.gaps.insert(0, None);
+            let lost = self.lost.get_or_insert((at, at));
+            *lost = (lost.0.min(at), lost.1.max(at));
         }
         self.held = held.len();
         let first = first.into_iter().chain(self.gaps.keys().copied()).min();
@@ -349,8 +377,10 @@ impl Backlog {
         let is_further = delivered > self.delivered;
         self.delivered = self.delivered.max(delivered);
         // Only what the outbox no longer has.
-        let times = held.iter().filter(|(number, _)| *number <= self.delivered);
-        let times = times.map(|(_, at)| (*at, *at)).chain(self.lost);
+        let times = self.changes.range(..=self.delivered);
+        let times = times
+            .map(|(_, change)| (change.at, change.at))
+            .chain(self.lost);
         let kept = times.reduce(|one, two| (one.0.min(two.0), one.1.max(two.1)));
         let is_other = self.kept != kept;
         self.kept = kept;
@@ -363,11 +393,13 @@ impl Backlog {
     /// What is to be told next of the past at this time, oldest first.
     pub(super) fn next(&mut self, now: u64, devices: &Devices) -> Option<Past> {
         let live_from = self.live.unwrap_or(u64::MAX);
+        let after = self.spans.back().map_or(0, |span| span.after);
         let mut past: Option<Past> = None;
         let (mut left, mut unknown) = (None, Vec::new());
         for (number, change) in self.changes.range(self.scan..) {
             // What is ahead of now happened before the clock was set back.
-            let is_past = change.sent.is_none() && (change.at < live_from || change.at > now);
+            let is_past = change.sent.is_none()
+                && (change.at < live_from || change.at > now || *number <= after);
             let device = devices.get(&change.module);
             let born = device.filter(|device| device.born.is_some() && is_past);
             let Some(device) = born else {

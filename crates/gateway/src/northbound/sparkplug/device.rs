@@ -136,7 +136,7 @@ impl PointMetric {
             // When it was read is not when it became so.
             MetricQuality::Stale | MetricQuality::Bad => self.since,
         };
-        self.last = time.min(now).max(self.last);
+        self.last = time.max(self.last).min(now);
         let metric = Metric::new(&self.status.label, self.last, said.value.clone());
         let before = self.told.replace(said.clone());
         let was_good = before.is_none_or(|before| before.quality == MetricQuality::Good);

@@ -159,8 +159,7 @@ impl Driver {
                 None => return,
                 Some(Err(problem)) => {
                     // Where TLS failed, a CONNECT may have gone out.
-                    let unsent = [codes::BROKER_UNREACHED.code, codes::BROKER_FILE.code];
-                    if taken.is_some() && unsent.contains(&&*problem.code) {
+                    if taken.is_some() && problem.code == codes::BROKER_UNREACHED.code {
                         self.file.borrow_mut().unused();
                     }
                     problem
@@ -171,6 +170,9 @@ impl Driver {
                     let end = self.serve(connection, stopped.as_mut()).await;
                     self.handle(Input::Lost);
                     self.drive(None);
+                    if begun.elapsed() >= STEADY {
+                        tries = 0;
+                    }
                     match end {
                         Ended::Stopped => return,
                         Ended::HostGone => continue,
@@ -178,9 +180,6 @@ impl Driver {
                     }
                 }
             };
-            if begun.elapsed() >= STEADY {
-                tries = 0;
-            }
             tries += 1;
             let wait = wait(tries);
             self.outlet.report.failed(problem, tries, Some(wait));
@@ -300,7 +299,9 @@ impl Driver {
                     }
                 }
                 Output::Delivered(epoch, to) => {
-                    if let Some(outbox) = &self.outbox {
+                    // Else it would be nowhere. The next one comes with it.
+                    let is_written = self.file.borrow_mut().is_written();
+                    if let Some(outbox) = self.outbox.as_ref().filter(|_| is_written) {
                         outbox.delivered(&epoch, to);
                     }
                 }
@@ -366,7 +367,10 @@ impl Driver {
         let mut alive = Alive::since(clocks());
         loop {
             if let Some(problem) = self.drive(Some((&mut sender, limit))) {
-                return Ended::Broken(problem);
+                return match ends_by {
+                    Some(_) => Ended::Stopped,
+                    None => Ended::Broken(problem),
+                };
             }
             if self.node.is_dead() {
                 drop(heard);
@@ -395,7 +399,10 @@ impl Driver {
                 Some(step) = heard.recv() => {
                     if alive.is_late(clocks()) {
                         // What has waited was meant for a moment that is over; hosts ask anew.
-                        return Ended::Broken(dial.refused(&"railbus stood still for 5 s"));
+                        return match ends_by {
+                            Some(_) => Ended::Stopped,
+                            None => Ended::Broken(dial.refused(&"railbus stood still for 5 s")),
+                        };
                     }
                     self.hear(&mut sender, step, &dial);
                 }

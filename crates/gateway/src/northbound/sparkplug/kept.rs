@@ -23,6 +23,8 @@ pub(super) struct NodeFile {
     content: Content,
     /// Nothing was sent with the last number.
     is_free: bool,
+    /// The disk has something else.
+    is_unwritten: bool,
 }
 
 impl NodeFile {
@@ -34,6 +36,7 @@ impl NodeFile {
             path,
             content: content.unwrap_or_default(),
             is_free: false,
+            is_unwritten: false,
         }
     }
 
@@ -72,13 +75,19 @@ impl NodeFile {
     }
 
     fn keep(&mut self, content: Content) {
-        if self.content != content
-            && let Ok(text) = serde_json::to_vec(&content)
-        {
-            // Where the disk fails, a restart goes on from what is there.
-            let _ = durable::replace(&self.path, &text, Some(0o600));
-        }
+        self.is_unwritten |= self.content != content;
         self.content = content;
+        self.is_written();
+    }
+
+    /// Whether all of it is on the disk, at the latest now.
+    pub(super) fn is_written(&mut self) -> bool {
+        if self.is_unwritten {
+            let text = serde_json::to_vec(&self.content);
+            let end = text.map(|text| durable::replace(&self.path, &text, Some(0o600)));
+            self.is_unwritten = !matches!(end, Ok(Ok(_)));
+        }
+        !self.is_unwritten
     }
 
     /// The outlet is gone for good.
@@ -113,5 +122,8 @@ mod tests {
         assert_eq!(NodeFile::open(path.clone()).next(), 0);
         file.forget();
         assert!(!path.exists());
+        let mut file = NodeFile::open(path.join("no/such/folder"));
+        file.hold(Some((5, 9)));
+        assert!(!file.is_written());
     }
 }

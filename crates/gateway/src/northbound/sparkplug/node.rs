@@ -198,8 +198,8 @@ impl Node {
                 self.counted.refused += u64::from(!end.code.is_empty());
                 self.ended(now, end);
             }
-            Input::Went(number) => self.went(number),
-            Input::Arrived(number) => self.arrived(number),
+            Input::Went(number) => self.went(now, number),
+            Input::Arrived(number) => self.arrived(now, number),
             Input::Stored(state) => {
                 if let Some(backlog) = &mut self.backlog {
                     backlog.stored(&state);
@@ -444,7 +444,7 @@ impl Node {
         }
     }
 
-    fn went(&mut self, number: u64) {
+    fn went(&mut self, now: Now, number: u64) {
         let Some(link) = &mut self.link else {
             return;
         };
@@ -453,11 +453,11 @@ impl Node {
         if link.phase == Phase::Dying(Some(number)) {
             // It was acknowledged, and what went before it has arrived as well.
             link.phase = Phase::Dead;
-            self.arrived(number);
+            self.arrived(now, number);
         }
     }
 
-    fn arrived(&mut self, number: u64) {
+    fn arrived(&mut self, now: Now, number: u64) {
         let Some(link) = &mut self.link else {
             return;
         };
@@ -481,11 +481,11 @@ impl Node {
             }
             backlog.arrived(number);
         }
-        self.settle();
+        self.settle(now);
     }
 
-    /// The outbox need not keep what the broker has.
-    fn settle(&mut self) {
+    /// The outbox need not keep what the broker has. What is missing is told.
+    fn settle(&mut self, now: Now) {
         let Some(backlog) = &mut self.backlog else {
             return;
         };
@@ -497,22 +497,25 @@ impl Node {
             .map(|(epoch, to)| Output::Delivered(epoch, to));
         self.outputs.extend(held);
         self.outputs.extend(delivered);
+        if backlog.is_untold() {
+            let missing = backlog.missing();
+            let link = self.link.as_ref();
+            let is_queued =
+                link.is_some_and(|link| link.queue.iter().any(|queued| queued.tells_missing));
+            if !is_queued && self.is_born() {
+                self.tell_node(missing_metrics(missing, now));
+                if let Some(link) = &mut self.link {
+                    link.tells_missing();
+                }
+            }
+        }
     }
 
     fn read(&mut self, now: Now, piece: Option<(Arc<str>, Piece)>) {
-        let Some(backlog) = &mut self.backlog else {
-            return;
-        };
-        let before = backlog.missing();
-        backlog.read(now.steady, piece, &self.devices);
-        // What was told live has arrived before it was on the disk.
-        self.settle();
-        let missing = self.backlog.as_ref().and_then(Backlog::missing);
-        if missing != before {
-            self.tell_node(missing_metrics(missing, now));
-            if let Some(link) = &mut self.link {
-                link.tells_missing();
-            }
+        if let Some(backlog) = &mut self.backlog {
+            backlog.read(now.steady, piece, &self.devices);
+            // What was told live has arrived before it was on the disk.
+            self.settle(now);
         }
     }
 

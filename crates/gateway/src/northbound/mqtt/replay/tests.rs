@@ -41,6 +41,7 @@ impl Disk {
         OutboxState {
             epoch: Arc::from("A"),
             newest: self.newest,
+            before: 0,
             delivered: self.deleted,
         }
     }
@@ -195,6 +196,7 @@ fn numbers_of_another_file_are_not_mixed_with_these() {
     replay.stored(&OutboxState {
         epoch: Arc::from("B"),
         newest: 10,
+        before: 0,
         delivered: 0,
     });
     replay.read(Duration::ZERO, old);

@@ -47,7 +47,7 @@ impl Node {
         }
         self.modules(&picture.modules);
         self.tell(now, changed, was_online, true);
-        self.all_queued();
+        self.all_queued(now);
     }
 
     pub(super) fn batch(&mut self, now: Now, batch: &Batch) {
@@ -71,7 +71,7 @@ impl Node {
         if has_skipped {
             self.live_anew();
         }
-        self.all_queued();
+        self.all_queued(now);
     }
 
     /// What happened until now may not all have been told live.
@@ -91,6 +91,20 @@ impl Node {
     /// A change of this time is known.
     fn saw(&mut self, at: SystemTime) {
         let at = wall(at);
+        if at == self.seen {
+            // What was told of this millisecond is not all of it.
+            let before = at.saturating_sub(1);
+            if let Some(backlog) = &mut self.backlog {
+                backlog.cap(before);
+            }
+            if let Some(link) = &mut self.link {
+                link.seen = link.seen.min(before);
+                let marks = link.marks.iter_mut();
+                marks.for_each(|(_, seen)| *seen = (*seen).min(before));
+                let queue = link.queue.iter_mut();
+                queue.for_each(|queued| queued.seen = queued.seen.min(before));
+            }
+        }
         if at < self.seen {
             if let Some(backlog) = &mut self.backlog {
                 backlog.set_back(at);
@@ -106,19 +120,20 @@ impl Node {
     }
 
     /// Everything that is known is in the messages that wait, or in those before them.
-    fn all_queued(&mut self) {
+    fn all_queued(&mut self, now: Now) {
         let Some(link) = &mut self.link else {
             return;
         };
+        let is_new = link.seen < self.seen;
         link.seen = self.seen;
         if !link.queue.is_empty() || link.phase != Phase::Born {
             return;
         }
         link.mark(self.seen);
         // Nothing more goes out that could be asked for.
-        if link.arrived == link.handed {
+        if is_new && link.arrived == link.handed {
             let last = link.arrived;
-            self.arrived(last);
+            self.arrived(now, last);
         }
     }
 

@@ -1,5 +1,6 @@
 //! The machine, without a broker and without a clock.
 
+mod ledger;
 mod past;
 mod rules;
 mod stage;

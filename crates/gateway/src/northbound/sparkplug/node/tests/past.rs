@@ -347,6 +347,7 @@ async fn what_could_not_be_read_is_tried_again_later() {
     backlog.stored(&OutboxState {
         epoch: Arc::from("e"),
         newest: 9,
+        before: 0,
         delivered: 0,
     });
     assert_eq!(backlog.next_read(Duration::ZERO), Some(0));

@@ -500,6 +500,7 @@ impl Stage {
         let state = OutboxState {
             epoch: Arc::from("e"),
             newest: self.entries.len() as u64,
+            before: 0,
             delivered: 0,
         };
         self.handle(Input::Stored(state));
