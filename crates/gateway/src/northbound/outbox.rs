@@ -6,13 +6,14 @@
 
 mod recording;
 
-use super::outlet::Report;
+use super::outlet::{Outlet, Report};
 use railbus_api::problem::{Problem, codes};
 use railbus_site::{Follower, News};
 use railbus_store::history::millis;
 use railbus_store::outbox::{Outbox, OutboxError, OutboxKeep, Piece};
 use recording::Recording;
 use std::path::{Path, PathBuf};
+use std::pin::Pin;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::{Duration, SystemTime};
@@ -158,6 +159,53 @@ impl OutboxHandle {
             let _ = tokio::time::timeout(patience, ended).await;
         }
     }
+}
+
+/// A piece of the outbox that is being read, and whose numbers it has.
+pub(super) type Reading = Pin<Box<dyn Future<Output = Option<(Arc<str>, Piece)>>>>;
+
+/// The outbox of an outlet that keeps changes of these modules for so many days; none if it keeps
+/// none, and then nothing is left of an earlier one.
+///
+/// # Errors
+/// There can be no other thread.
+pub(super) fn start(
+    outlet: &Outlet,
+    days: i64,
+    has: impl Fn(&str) -> bool + Send + 'static,
+) -> Result<Option<OutboxHandle>, Problem> {
+    if days == 0 {
+        remove(&outlet.outbox_file());
+        return Ok(None);
+    }
+    let setup = OutboxSetup {
+        file: outlet.outbox_file(),
+        days,
+        has: Box::new(has),
+        site: outlet.service.follow(),
+        report: outlet.report.clone(),
+    };
+    let broken =
+        |error: std::io::Error| Problem::new(codes::INTERNAL).with("reason", error.to_string());
+    OutboxHandle::start(setup).map(Some).map_err(broken)
+}
+
+/// How the outbox is, once something is new. Can be dropped.
+pub(super) async fn changed(outbox: Option<&mut OutboxHandle>) -> OutboxState {
+    match outbox {
+        Some(outbox) => outbox.changed().await,
+        None => std::future::pending().await,
+    }
+}
+
+/// What was read of it, once that is done. Can be dropped.
+pub(super) async fn read(reading: &mut Option<Reading>) -> Option<(Arc<str>, Piece)> {
+    let Some(under_way) = reading else {
+        return std::future::pending().await;
+    };
+    let read = under_way.await;
+    *reading = None;
+    read
 }
 
 /// Removes what an outbox has kept.

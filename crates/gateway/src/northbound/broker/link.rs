@@ -237,7 +237,7 @@ impl Sender {
     /// Has these topics come.
     ///
     /// # Errors
-    /// The connection is no more.
+    /// The connection has ended.
     pub(crate) fn subscribe(&self, filters: &[Filter]) -> Result<(), String> {
         match &self.client {
             Client::Five(client) => {
@@ -273,7 +273,7 @@ impl Sender {
     /// section 3.10.4). A ping would not do: there is none while something else is sent.
     ///
     /// # Errors
-    /// The connection is no more.
+    /// The connection has ended.
     pub(crate) fn ask(&self) -> Result<(), String> {
         /// Nothing was ever subscribed there.
         const NOTHING: &str = "railbus/arrived";
@@ -292,7 +292,7 @@ impl Sender {
     /// Has one topic come, with what the broker kept.
     ///
     /// # Errors
-    /// The connection is no more.
+    /// The connection has ended.
     pub(crate) fn look(&self, topic: &str) -> Result<(), String> {
         match &self.client {
             Client::Five(client) => {
@@ -441,7 +441,7 @@ impl Receiver {
     /// would be lost.
     ///
     /// # Errors
-    /// The connection is no more.
+    /// The connection has ended.
     pub(crate) async fn next(&mut self) -> Result<Step, Broken> {
         let step = match &mut self.events {
             Loop::Five(events) => match events.poll().await {

@@ -62,7 +62,7 @@ pub(crate) async fn connected(
 pub(crate) async fn pump(receiver: &mut Receiver, steps: mpsc::Sender<Step>) -> Broken {
     loop {
         match receiver.next().await {
-            // Fails where nobody listens any more; then it is to end as well.
+            // Fails once the receiver is dropped; the connection then ends as well.
             Ok(step) => _ = steps.send(step).await,
             Err(broken) => return broken,
         }

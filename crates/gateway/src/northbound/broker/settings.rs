@@ -1,8 +1,10 @@
 //! The settings of every outlet at a broker: which one, and how it is reached.
 
 use super::level;
-use railbus_site::config::Invalid;
+use crate::northbound::kind::ENABLED;
+use railbus_site::Config;
 use railbus_site::config::change::Keys;
+use railbus_site::config::{Invalid, OutletTable};
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
@@ -98,6 +100,37 @@ pub(crate) fn check(settings: &Keys) -> Vec<(&'static str, Invalid)> {
     alone
         .map(|(key, other)| (key, Invalid::MissingKey(other)))
         .collect()
+}
+
+/// The enabled outlets of a kind that are at the same place as one with these settings, with that
+/// one itself: two would speak in one name, and each command would be carried out by both.
+pub(crate) fn same<'c, P: PartialEq>(
+    kind: &'static str,
+    settings: &Keys,
+    config: &'c Config,
+    place: impl Fn(&Keys) -> P,
+) -> impl Iterator<Item = &'c str> {
+    let own = place(settings);
+    let is_same = move |other: &OutletTable| {
+        other.kind == kind && is_enabled(&other.settings) && place(&other.settings) == own
+    };
+    let others = config.outlets.iter();
+    others.filter_map(move |(name, other)| is_same(other).then_some(name.as_str()))
+}
+
+/// What is wrong with the outlet of this name if another one is at the same place: of two, the
+/// second one is told.
+pub(crate) fn taken<'c>(
+    name: &str,
+    settings: &Keys,
+    mut same: impl Iterator<Item = &'c str>,
+) -> Option<Invalid> {
+    let other = same.find(|other| is_enabled(settings) && *other < name)?;
+    Some(Invalid::TopicsTaken(other.to_owned()))
+}
+
+fn is_enabled(settings: &Keys) -> bool {
+    settings.get(ENABLED) != Some(&false.into())
 }
 
 #[cfg(test)]

@@ -13,7 +13,7 @@ use crate::northbound::broker::message::{Message, Verdict};
 use crate::northbound::broker::session::{connected, pump, wait};
 use crate::northbound::broker::settings::Broker;
 use crate::northbound::broker::{Alive, Dial, WINDOW, session};
-use crate::northbound::outbox::{self, OutboxHandle, OutboxSetup, OutboxState};
+use crate::northbound::outbox::{self, OutboxHandle, Reading};
 use crate::northbound::outlet::Outlet;
 use railbus_api::problem::{Problem, codes};
 use railbus_site::{Events, Follower, News};
@@ -44,9 +44,6 @@ enum Ended {
     Stopped,
     Broken(Problem),
 }
-
-/// A piece of the outbox that is being read, and whose numbers it has.
-type Reading = Pin<Box<dyn Future<Output = Option<(Arc<str>, Piece)>>>>;
 
 /// An outlet at work.
 struct Driver {
@@ -93,7 +90,8 @@ pub(super) async fn run(outlet: Outlet, events: Events) -> Result<(), Problem> {
         }
     }
     let days = outlet.number("replay_days");
-    let outbox = outbox(&outlet, &topics, days)?;
+    let has = topics.clone();
+    let outbox = outbox::start(&outlet, days, move |module| has.has(module))?;
     let node = Node::new(Setup {
         site: outlet.site.to_string(),
         topics: topics.clone(),
@@ -120,25 +118,6 @@ pub(super) async fn run(outlet: Outlet, events: Events) -> Result<(), Problem> {
     driver.work().await;
     driver.end().await;
     Ok(())
-}
-
-/// The outbox of an outlet that keeps changes for so many days; none if it keeps none.
-fn outbox(outlet: &Outlet, topics: &Topics, days: i64) -> Result<Option<OutboxHandle>, Problem> {
-    if days == 0 {
-        outbox::remove(&outlet.outbox_file());
-        return Ok(None);
-    }
-    let topics = topics.clone();
-    let setup = OutboxSetup {
-        file: outlet.outbox_file(),
-        days,
-        has: Box::new(move |module| topics.has(module)),
-        site: outlet.service.follow(),
-        report: outlet.report.clone(),
-    };
-    let broken =
-        |error: std::io::Error| Problem::new(codes::INTERNAL).with("reason", error.to_string());
-    OutboxHandle::start(setup).map(Some).map_err(broken)
 }
 
 impl Driver {
@@ -252,8 +231,8 @@ impl Driver {
                 // The command is on a task of its own: this one only waits for it.
                 Err(_) => return true,
             },
-            state = changed(self.outbox.as_mut()) => Happened::Input(Input::Stored(state)),
-            read = read(&mut self.reading) => {
+            state = outbox::changed(self.outbox.as_mut()) => Happened::Input(Input::Stored(state)),
+            read = outbox::read(&mut self.reading) => {
                 let packed = read.and_then(|read| self.packed(read));
                 Happened::Input(Input::Read(packed))
             }
@@ -520,24 +499,6 @@ fn unkept(topics: Vec<String>) -> Vec<Filter> {
         with_kept: false,
     };
     topics.into_iter().map(filter).collect()
-}
-
-/// How the outbox is, once something is new. Can be dropped.
-async fn changed(outbox: Option<&mut OutboxHandle>) -> OutboxState {
-    match outbox {
-        Some(outbox) => outbox.changed().await,
-        None => std::future::pending().await,
-    }
-}
-
-/// What was read of it, once that is done. Can be dropped.
-async fn read(reading: &mut Option<Reading>) -> Option<(Arc<str>, Piece)> {
-    let Some(under_way) = reading else {
-        return std::future::pending().await;
-    };
-    let read = under_way.await;
-    *reading = None;
-    read
 }
 
 /// What happened at the site.

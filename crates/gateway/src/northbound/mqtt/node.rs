@@ -64,7 +64,7 @@ pub(super) enum Input<'i> {
     Missed(u64),
     /// The broker has accepted the connection.
     Connected,
-    /// The connection is no more.
+    /// The connection has ended.
     Lost,
     /// A message has come.
     Received(Received),

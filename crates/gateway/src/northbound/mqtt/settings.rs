@@ -4,11 +4,10 @@ use super::discovery::{Discovery, Form};
 use super::topics::{Topics, is_base};
 use crate::northbound::broker::level;
 use crate::northbound::broker::settings::{self, Broker, names, text};
-use crate::northbound::kind::ENABLED;
 use crate::northbound::outlet;
 use railbus_site::Config;
+use railbus_site::config::Invalid;
 use railbus_site::config::change::Keys;
-use railbus_site::config::{Invalid, OutletTable};
 use std::collections::BTreeSet;
 
 /// Where the topics begin.
@@ -66,35 +65,20 @@ pub(super) fn check(name: &str, settings: &Keys, config: &Config) -> Vec<(&'stat
         found.push(("site", Invalid::BadTopic));
     }
     found.extend(settings::check(settings));
-    let mut others = same(settings, config);
-    // Of two, the second one is told.
-    if let Some(other) = others.find(|other| is_enabled(settings) && *other < name) {
-        found.push(("base", Invalid::TopicsTaken(other.to_owned())));
-    }
+    let taken = settings::taken(name, settings, same(settings, config));
+    found.extend(taken.map(|taken| ("base", taken)));
     found
 }
 
-fn is_enabled(settings: &Keys) -> bool {
-    settings.get(ENABLED) != Some(&false.into())
-}
-
 /// The enabled outlets that have the same topics at the same broker, with that of these settings
-/// itself. Two would speak in one name, and each command would be carried out by both.
+/// itself.
 pub(super) fn same<'c>(settings: &Keys, config: &'c Config) -> impl Iterator<Item = &'c str> {
-    let place = |settings: &Keys| {
+    settings::same(super::KIND.name, settings, config, |settings| {
         let broker = broker(settings, "", "");
         let base = text(settings, "base").unwrap_or(BASE).to_owned();
         let site = text(settings, "site").map(str::to_owned);
         (broker.host.to_lowercase(), broker.port, base, site)
-    };
-    let own = place(settings);
-    let is_same = move |other: &OutletTable| {
-        other.kind == super::KIND.name
-            && is_enabled(&other.settings)
-            && place(&other.settings) == own
-    };
-    let others = config.outlets.iter();
-    others.filter_map(move |(name, other)| is_same(other).then_some(name.as_str()))
+    })
 }
 
 #[cfg(test)]

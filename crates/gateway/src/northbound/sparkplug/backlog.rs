@@ -1,4 +1,4 @@
-//! What changed while nobody was told, on its way to the broker. Without I/O.
+//! Changes that could not be published as they happened, on their way to the broker. Without I/O.
 //!
 //! The outbox has every change, in order. What was told live need not come again: while there is
 //! a connection on which the births were sent, changes are told as they happen, and of those that
@@ -74,7 +74,7 @@ pub(super) struct Past {
 #[derive(Debug, Default, PartialEq)]
 pub(super) struct Settled {
     /// The first and the last time of what is only in memory now, and would be missing after a
-    /// restart; to be written down before the outbox is told.
+    /// restart; to be saved before the outbox is told.
     pub(super) held: Option<Option<(u64, u64)>>,
     /// Up to which entry of which epoch everything is delivered.
     pub(super) delivered: Option<(Arc<str>, u64)>,
@@ -105,7 +105,7 @@ pub(super) struct Backlog {
     /// Those before this one have been sent, or can't be.
     scan: u64,
     spans: VecDeque<Span>,
-    /// Since when everything is told live, while that is so.
+    /// Since when every change is published as it happens, while connected and born.
     live: Option<u64>,
     /// When it goes on.
     again: Option<Duration>,
@@ -287,7 +287,7 @@ impl Backlog {
         std::mem::take(&mut self.dropped)
     }
 
-    /// From this time on everything is told live.
+    /// From this time on every change is published as it happens.
     pub(super) fn live_from(&mut self, from: u64) {
         self.live = Some(from);
         let after = self.newest;
@@ -325,12 +325,12 @@ impl Backlog {
         self.scan = 0;
     }
 
-    /// A module is no more: what was held of it is not that of another one of its name.
+    /// A module was removed: its changes are dropped, for another one may get its name.
     pub(super) fn forget(&mut self, module: &str) {
         self.changes.retain(|_, change| change.module != module);
     }
 
-    /// The connection is lost: what was not known to have arrived is told again.
+    /// The connection is lost: what is not known to have arrived is published again.
     pub(super) fn lost(&mut self) {
         for change in self.changes.values_mut() {
             change.sent = None;
@@ -427,7 +427,7 @@ impl Backlog {
             }
         }
         self.scan = left.unwrap_or(self.read + 1);
-        // A metric that is no more, or is of another type.
+        // The metric was removed, or has another type.
         self.dropped += unknown.len() as u64;
         for number in unknown {
             self.changes.remove(&number);

@@ -10,16 +10,14 @@ use crate::northbound::broker::session::{self, connected, pump, wait};
 use crate::northbound::broker::settings::Broker;
 use crate::northbound::broker::{Alive, Dial, WINDOW};
 use crate::northbound::command_end::CommandEnd;
-use crate::northbound::outbox::{self, OutboxHandle, OutboxSetup, OutboxState};
+use crate::northbound::outbox::{self, OutboxHandle, Reading};
 use crate::northbound::outlet::{self, Outlet};
 use railbus_api::problem::{Problem, codes};
 use railbus_app::api::failures;
 use railbus_site::{Follower, News, Service, WriteTerms};
-use railbus_store::outbox::Piece;
 use std::cell::RefCell;
 use std::pin::{Pin, pin};
 use std::rc::Rc;
-use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::{Duration, SystemTime};
 use tokio::sync::mpsc;
@@ -41,9 +39,6 @@ enum Ended {
     HostGone,
     Broken(Problem),
 }
-
-/// A piece of the outbox that is being read, and whose numbers it has.
-type Reading = Pin<Box<dyn Future<Output = Option<(Arc<str>, Piece)>>>>;
 
 /// An outlet at work.
 struct Driver {
@@ -78,7 +73,8 @@ pub(super) async fn run(outlet: Outlet) -> Result<(), Problem> {
         let _ = std::fs::remove_file(file);
     }
     let days = outlet.number("replay_days");
-    let outbox = outbox(&outlet, &topics, days)?;
+    let has = topics.clone();
+    let outbox = outbox::start(&outlet, days, move |module| has.has(module))?;
     let file = NodeFile::open(outlet.kept());
     let node = Node::new(Setup {
         site: outlet.site.to_string(),
@@ -103,25 +99,6 @@ pub(super) async fn run(outlet: Outlet) -> Result<(), Problem> {
     driver.work().await;
     driver.end().await;
     Ok(())
-}
-
-/// The outbox of an outlet that keeps changes for so many days; none if it keeps none.
-fn outbox(outlet: &Outlet, topics: &Topics, days: i64) -> Result<Option<OutboxHandle>, Problem> {
-    if days == 0 {
-        outbox::remove(&outlet.outbox_file());
-        return Ok(None);
-    }
-    let topics = topics.clone();
-    let setup = OutboxSetup {
-        file: outlet.outbox_file(),
-        days,
-        has: Box::new(move |module| topics.has(module)),
-        site: outlet.service.follow(),
-        report: outlet.report.clone(),
-    };
-    let broken =
-        |error: std::io::Error| Problem::new(codes::INTERNAL).with("reason", error.to_string());
-    OutboxHandle::start(setup).map(Some).map_err(broken)
 }
 
 impl Driver {
@@ -251,8 +228,8 @@ impl Driver {
                 // The command is on a task of its own: this one only waits for it.
                 Err(_) => return true,
             },
-            state = changed(self.outbox.as_mut()) => Happened::Input(Input::Stored(state)),
-            read = read(&mut self.reading) => Happened::Input(Input::Read(read)),
+            state = outbox::changed(self.outbox.as_mut()) => Happened::Input(Input::Stored(state)),
+            read = outbox::read(&mut self.reading) => Happened::Input(Input::Read(read)),
         };
         match happened {
             Happened::News(news) => self.handle(Input::News(&news)),
@@ -464,24 +441,6 @@ fn now(began: Instant) -> Now {
 enum Happened {
     News(News),
     Input(Input<'static>),
-}
-
-/// How the outbox is, once something is new. Can be dropped.
-async fn changed(outbox: Option<&mut OutboxHandle>) -> OutboxState {
-    match outbox {
-        Some(outbox) => outbox.changed().await,
-        None => std::future::pending().await,
-    }
-}
-
-/// What was read of it, once that is done. Can be dropped.
-async fn read(reading: &mut Option<Reading>) -> Option<(Arc<str>, Piece)> {
-    let Some(under_way) = reading else {
-        return std::future::pending().await;
-    };
-    let read = under_way.await;
-    *reading = None;
-    read
 }
 
 /// Carries a command out, on a task of its own.

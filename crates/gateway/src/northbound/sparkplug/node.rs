@@ -81,7 +81,7 @@ pub(super) enum Input<'i> {
     Connected(u8),
     /// Commands, and the state of the primary host, come from now on, as far as the broker allows.
     Subscribed,
-    /// The connection is no more.
+    /// The connection has ended.
     Lost,
     /// A message has come.
     Received(Received),

@@ -3,10 +3,9 @@
 use super::topics::Topics;
 use crate::northbound::broker::level;
 use crate::northbound::broker::settings::{self, Broker, names, text};
-use crate::northbound::kind::ENABLED;
 use railbus_site::Config;
+use railbus_site::config::Invalid;
 use railbus_site::config::change::Keys;
-use railbus_site::config::{Invalid, OutletTable};
 
 /// The group, if none is named.
 const GROUP: &str = "railbus";
@@ -40,34 +39,20 @@ pub(super) fn check(name: &str, keys: &Keys, config: &Config) -> Vec<(&'static s
         found.push(("group", Invalid::BadTopic));
     }
     found.extend(settings::check(keys));
-    // Of two, the second one is told.
-    let mut others = same(keys, config);
-    if let Some(other) = others.find(|other| is_enabled(keys) && *other < name) {
-        found.push(("node", Invalid::TopicsTaken(other.to_owned())));
-    }
+    let taken = settings::taken(name, keys, same(keys, config));
+    found.extend(taken.map(|taken| ("node", taken)));
     found
 }
 
-fn is_enabled(settings: &Keys) -> bool {
-    settings.get(ENABLED) != Some(&false.into())
-}
-
-/// The enabled outlets that are the same edge node at the same broker: two would be taken for one.
+/// The enabled outlets that are the same edge node at the same broker, with that of these settings
+/// itself.
 fn same<'c>(settings: &Keys, config: &'c Config) -> impl Iterator<Item = &'c str> {
-    let place = |settings: &Keys| {
+    settings::same(super::KIND.name, settings, config, |settings| {
         let broker = broker(settings, "", "");
         let group = text(settings, "group").unwrap_or(GROUP).to_owned();
         let node = text(settings, "node").map(str::to_owned);
         (broker.host.to_lowercase(), broker.port, group, node)
-    };
-    let own = place(settings);
-    let is_same = move |other: &OutletTable| {
-        other.kind == super::KIND.name
-            && is_enabled(&other.settings)
-            && place(&other.settings) == own
-    };
-    let others = config.outlets.iter();
-    others.filter_map(move |(name, other)| is_same(other).then_some(name.as_str()))
+    })
 }
 
 #[cfg(test)]
