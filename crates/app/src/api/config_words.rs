@@ -144,8 +144,9 @@ pub fn reason(lang: Lang, kind: &Invalid) -> String {
             "应写网络（如 192.168.1.0/24）或地址",
         ]),
         Invalid::BadTopic => fixed([
-            "write a word without spaces, +, # and $; levels of a prefix are divided by /",
-            "应写不含空格、+、# 和 $ 的词；前缀的各级用 / 分隔",
+            "write a word without spaces, +, # and $, other than STATE; / divides the levels of a \
+             prefix",
+            "应写不含空格、+、# 和 $ 的词，且不可为 STATE；前缀的各级用 / 分隔",
         ]),
         Invalid::TopicsTaken(other) => both(
             format!(
