@@ -7,6 +7,7 @@
 //! made from what its line says ([`kind`]).
 
 mod broker;
+mod clients;
 mod command_end;
 mod kind;
 mod modbus;

@@ -1,7 +1,6 @@
 //! What kinds that serve Modbus share: every module is a unit, whatever it speaks on its line.
 //!
-//! - Settings that they have in common: `fields`. Who is served over TCP: `clients`; how they are
-//!   tested: `identify`.
+//! - Settings that they have in common: `fields`. How they are tested: `identify`.
 //! - Which module is which unit: `units`. Which coil or register of it is which point: `map`; the
 //!   same for people: `table`.
 //! - What is known of the points, and answers to reads: `image`.
@@ -9,7 +8,6 @@
 //! - The units of a site, and who carries their writes out: `site_units`.
 //! - How a command ended, in Modbus' codes: `ends`.
 
-pub(crate) mod clients;
 pub(crate) mod ends;
 pub(crate) mod fields;
 pub(crate) mod identify;

@@ -4,7 +4,7 @@ use super::LISTEN;
 use super::passage::{ClientId, ClientWrite, LineRead, Output, Passage, ReadEnd, Site};
 use super::socket::Socket;
 use super::verdict::{module_at, of_failure};
-use crate::northbound::modbus::clients::Clients;
+use crate::northbound::clients::{self, Clients};
 use crate::northbound::modbus::identify;
 use crate::northbound::network::{self, allowed};
 use crate::northbound::outlet::{Outlet, Report};
@@ -301,5 +301,5 @@ fn outlet_listen(outlet: &Outlet) -> SocketAddr {
 
 /// Asks the gateway what it is, as any client does.
 pub(super) async fn test(outlet: Outlet) -> Result<String, Problem> {
-    identify::reached(outlet_listen(&outlet), identify::identified).await
+    clients::reached(outlet_listen(&outlet), identify::identified).await
 }

@@ -3,7 +3,7 @@
 use super::conn::{self, AskedWrite, ModbusConn};
 use super::security::Security;
 use super::stream::Answers;
-use crate::northbound::modbus::clients::Clients;
+use crate::northbound::clients::{self, Clients};
 use crate::northbound::modbus::identify;
 use crate::northbound::modbus::request::WriteEnd;
 use crate::northbound::modbus::site_units::SiteUnits;
@@ -299,9 +299,9 @@ pub(super) async fn test(outlet: Outlet) -> Result<String, Problem> {
     let security = Security::open(&outlet.settings.borrow())?;
     let listen = outlet.listen();
     match security {
-        None => identify::reached(listen, identify::identified).await,
+        None => clients::reached(listen, identify::identified).await,
         Some(security) => {
-            identify::reached(listen, async |at| {
+            clients::reached(listen, async |at| {
                 // Leaves without a word, which nobody counts.
                 TcpStream::connect(at).await?;
                 Ok(security.told().to_owned())

@@ -3,17 +3,21 @@
 use crate::northbound::network::Network;
 use railbus_api::problem::{Problem, codes};
 use std::collections::BTreeMap;
-use std::net::{IpAddr, SocketAddr};
+use std::io;
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::time::Duration;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::task::{Id, JoinSet};
-use tokio::time::{Instant, sleep_until};
+use tokio::time::{Instant, sleep_until, timeout};
 
 /// How many clients there may be, and how many at one address.
 const CLIENTS_MAX: usize = 32;
 const PER_ADDRESS_MAX: usize = 8;
 /// After an error of the system no connection is accepted for so long.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
+
+/// How long the test of a server waits.
+const TEST_MAX: Duration = Duration::from_secs(3);
 
 /// A listener and its clients, each of which is a task of its own. They end with it.
 #[derive(Debug)]
@@ -107,6 +111,25 @@ fn is_allowed(from: IpAddr, own: Option<IpAddr>, allowed: &[Network], is_guarded
 pub(crate) fn not_listening(listen: SocketAddr, why: impl ToString) -> Problem {
     let problem = Problem::new(codes::OUTLET_LISTEN).with("listen", listen.to_string());
     problem.with("reason", why.to_string())
+}
+
+/// What is found out of a server that listens there, where it can be reached from this machine.
+///
+/// # Errors
+/// [`not_listening`].
+pub(crate) async fn reached(
+    mut listen: SocketAddr,
+    ask: impl AsyncFnOnce(SocketAddr) -> io::Result<String>,
+) -> Result<String, Problem> {
+    if listen.ip().is_unspecified() {
+        listen.set_ip(match listen {
+            SocketAddr::V4(_) => Ipv4Addr::LOCALHOST.into(),
+            SocketAddr::V6(_) => Ipv6Addr::LOCALHOST.into(),
+        });
+    }
+    let said = timeout(TEST_MAX, ask(listen)).await;
+    let said = said.unwrap_or_else(|_| Err(io::ErrorKind::TimedOut.into()));
+    said.map_err(|error| not_listening(listen, error))
 }
 
 #[cfg(test)]
