@@ -1,10 +1,14 @@
 //! Who may connect, and how many: a listener that accepts no more than it serves.
 
-use crate::northbound::network::Network;
+use super::network::Network;
+use super::outlet::Report;
+use super::supervisor::OutletCounts;
 use railbus_api::problem::{Problem, codes};
 use std::collections::BTreeMap;
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
+use std::sync::Arc;
+use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::task::{Id, JoinSet};
@@ -15,7 +19,6 @@ const CLIENTS_MAX: usize = 32;
 const PER_ADDRESS_MAX: usize = 8;
 /// After an error of the system no connection is accepted for so long.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
-
 /// How long the test of a server waits.
 const TEST_MAX: Duration = Duration::from_secs(3);
 
@@ -26,6 +29,8 @@ pub(crate) struct Clients {
     allowed: Vec<Network>,
     /// Clients show certificates.
     is_guarded: bool,
+    /// Where they are counted, and those that were not let in.
+    counts: Arc<OutletCounts>,
     tasks: JoinSet<()>,
     addresses: BTreeMap<Id, IpAddr>,
     accepts_at: Instant,
@@ -41,21 +46,23 @@ impl Clients {
         at: SocketAddr,
         allowed: Vec<Network>,
         is_guarded: bool,
+        report: &Report,
     ) -> Result<Clients, Problem> {
         let listener = TcpListener::bind(at).await;
         Ok(Clients {
             listener: listener.map_err(|error| not_listening(at, error))?,
             allowed,
             is_guarded,
+            counts: Arc::clone(&report.counts),
             tasks: JoinSet::new(),
             addresses: BTreeMap::new(),
             accepts_at: Instant::now(),
         })
     }
 
-    /// The next client, to be served by [`Clients::serve`]; none where it may not connect, and is
+    /// The next client, to be served by [`Clients::serve`]. Those that may not connect are
     /// disconnected. Nothing is lost where this is dropped.
-    pub(crate) async fn next(&mut self) -> Option<(TcpStream, IpAddr)> {
+    pub(crate) async fn next(&mut self) -> (TcpStream, IpAddr) {
         loop {
             let accepts = self.accepts_at <= Instant::now();
             tokio::select! {
@@ -65,11 +72,15 @@ impl Clients {
                         Err(error) => error.id(),
                     };
                     self.addresses.remove(&id);
+                    self.count();
                 }
                 accepted = self.listener.accept(), if accepts => match accepted {
                     Ok((stream, from)) => {
                         let from = from.ip().to_canonical();
-                        return self.may_connect(&stream, from).then_some((stream, from));
+                        if self.may_connect(&stream, from) {
+                            return (stream, from);
+                        }
+                        self.counts.dropped.fetch_add(1, Relaxed);
                     }
                     // The client was gone already, or there are too many open files.
                     Err(_) => self.accepts_at = Instant::now() + ACCEPT_PAUSE,
@@ -79,9 +90,9 @@ impl Clients {
         }
     }
 
-    /// How many are served.
-    pub(crate) fn len(&self) -> usize {
-        self.tasks.len()
+    /// Tells how many are served.
+    fn count(&self) {
+        self.counts.clients.store(self.tasks.len(), Relaxed);
     }
 
     fn may_connect(&self, stream: &TcpStream, from: IpAddr) -> bool {
@@ -95,6 +106,13 @@ impl Clients {
     pub(crate) fn serve(&mut self, from: IpAddr, client: impl Future<Output = ()> + 'static) {
         let id = self.tasks.spawn_local(client).id();
         self.addresses.insert(id, from);
+        self.count();
+    }
+}
+
+impl Drop for Clients {
+    fn drop(&mut self) {
+        self.counts.clients.store(0, Relaxed);
     }
 }
 

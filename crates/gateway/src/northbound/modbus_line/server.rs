@@ -59,7 +59,7 @@ pub(super) async fn run(outlet: Outlet) -> Result<(), Problem> {
 async fn serve(outlet: Outlet) -> Result<(), Problem> {
     let listen = outlet_listen(&outlet);
     let allowed = allowed(&outlet.settings.borrow());
-    let mut clients = Clients::listen(listen, allowed, false).await?;
+    let mut clients = Clients::listen(listen, allowed, false, &outlet.report).await?;
     let (stopped, line) = (outlet.stopped(), outlet.text("line"));
     tokio::pin!(stopped);
     let shared = Rc::new(Shared {
@@ -74,7 +74,6 @@ async fn serve(outlet: Outlet) -> Result<(), Problem> {
     let mut count = 0;
     outlet.report.ready();
     loop {
-        shared.report.counts().clients.store(clients.len(), Relaxed);
         let deadline = shared.passage.borrow().deadline();
         let due = async {
             match deadline {
@@ -87,15 +86,12 @@ async fn serve(outlet: Outlet) -> Result<(), Problem> {
             () = &mut stopped => return Ok(()),
             () = shared.rearm.notified() => {}
             () = due => shared.drive(|_, _, _| {}),
-            next = clients.next() => match next {
-                Some((stream, from)) => {
-                    count += 1;
-                    let service = outlet.service_for(from);
-                    let client = client(Rc::clone(&shared), ClientId(count), service, stream);
-                    clients.serve(from, client);
-                }
-                None => _ = shared.report.counts().dropped.fetch_add(1, Relaxed),
-            },
+            (stream, from) = clients.next() => {
+                count += 1;
+                let service = outlet.service_for(from);
+                let client = client(Rc::clone(&shared), ClientId(count), service, stream);
+                clients.serve(from, client);
+            }
         }
     }
 }

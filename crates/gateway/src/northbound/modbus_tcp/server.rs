@@ -53,7 +53,7 @@ async fn serve(outlet: Outlet) -> Result<(), Problem> {
     let security = Security::open(&outlet.settings.borrow())?;
     let listen = outlet.listen();
     let allowed = network::allowed(&outlet.settings.borrow());
-    let mut clients = Clients::listen(listen, allowed, security.is_some()).await?;
+    let mut clients = Clients::listen(listen, allowed, security.is_some(), &outlet.report).await?;
     let (mut site, stopped) = (outlet.service.follow(), outlet.stopped());
     tokio::pin!(stopped);
     let (units, mut syncs) = SiteUnits::new(&outlet);
@@ -67,7 +67,6 @@ async fn serve(outlet: Outlet) -> Result<(), Problem> {
     let outlet = &door.outlet;
     outlet.report.ready();
     loop {
-        outlet.report.counts().clients.store(clients.len(), Relaxed);
         // In this order: however many requests come, values are those of now, and it stops.
         tokio::select! {
             biased;
@@ -83,10 +82,9 @@ async fn serve(outlet: Outlet) -> Result<(), Problem> {
                 // Fails if the connection has gone.
                 let _ = done.send(());
             }
-            next = clients.next() => match next {
-                Some((stream, from)) => clients.serve(from, admit(Rc::clone(&door), from, stream)),
-                None => _ = outlet.report.counts().dropped.fetch_add(1, Relaxed),
-            },
+            (stream, from) = clients.next() => {
+                clients.serve(from, admit(Rc::clone(&door), from, stream));
+            }
         }
     }
 }
