@@ -256,6 +256,8 @@ pub mod codes {
         BROKER_FILE = "E0856", 500;
         /// Also `broker`: host and port, `topic`, `reason`.
         BROKER_TOPIC = "E0932", 403;
+        /// Also `reason`: the thumbprint and the name of the certificate.
+        CLIENT_UNTRUSTED = "E0933", 403;
         /// Also `broker`, `reason`.
         BROKER_UNREACHED = "E0896", 502;
         /// Also `broker`, `reason`.

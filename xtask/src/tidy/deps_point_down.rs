@@ -128,19 +128,6 @@ const LAYERS: &[Layer] = &[
         foreign: Foreign::Without(&["axum", "clap"]),
     },
     Layer {
-        name: "opcua",
-        below: &[
-            "site",
-            "store",
-            "commission",
-            "host",
-            "bus",
-            "device",
-            "wire",
-        ],
-        foreign: Foreign::Any,
-    },
-    Layer {
         name: "fleet",
         below: &[
             "site",
@@ -154,6 +141,22 @@ const LAYERS: &[Layer] = &[
         foreign: Foreign::Any,
     },
     // The gateway does not know which program starts it.
+    // Other crates do without what it brings.
+    Layer {
+        name: "opcua",
+        below: &[
+            "app",
+            "words",
+            "site",
+            "store",
+            "commission",
+            "host",
+            "bus",
+            "device",
+            "wire",
+        ],
+        foreign: Foreign::Without(&["axum", "clap"]),
+    },
     Layer {
         name: "gateway",
         below: &[

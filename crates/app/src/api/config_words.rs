@@ -185,6 +185,10 @@ pub fn reason(lang: Lang, kind: &Invalid) -> String {
             "write a role and the outputs that it may switch: \"operator=pump.*\"",
             "应写角色和允许其操作的输出，如 \"operator=pump.*\"",
         ]),
+        Invalid::BadThumbprint => fixed([
+            "write the SHA-1 thumbprint of the certificate: 40 hexadecimal digits",
+            "应写证书的 SHA-1 指纹：40 位十六进制数字",
+        ]),
         Invalid::RolesOnly => fixed([
             "with TLS the role of a client says what it may switch: use \"roles\" instead",
             "使用 TLS 时，客户端的角色决定其可操作的输出：请改用 \"roles\"",

@@ -107,6 +107,8 @@ pub enum Invalid {
     Unguarded,
     /// Not a role with the outputs that it may switch.
     BadRole,
+    /// Not the thumbprint of a certificate.
+    BadThumbprint,
     /// Outputs for clients without a role, where clients have roles.
     RolesOnly,
     /// Another module on the same line has the same address in the same protocol.
@@ -154,6 +156,7 @@ impl Invalid {
             Invalid::UnitTaken(..) => "E0887",
             Invalid::Unguarded => "E0888",
             Invalid::BadRole | Invalid::RolesOnly => "E0889",
+            Invalid::BadThumbprint => "E0834",
             Invalid::NotAnInput => "E0893",
         }
     }

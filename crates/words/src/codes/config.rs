@@ -193,6 +193,14 @@ codes! {
         next: ["see what it says: mosquitto_sub -h HOST -p PORT -v -t 'spBv1.0/STATE/+'",
             "查看其状态：mosquitto_sub -h 主机 -p 端口 -v -t 'spBv1.0/STATE/+'"],
     }
+    ConfigThumbprint = "E0834" {
+        title: ["not the thumbprint of a certificate", "不是证书指纹"],
+        likely: ["it has 40 hexadecimal digits (SHA-1), with or without colons · another kind of \
+            fingerprint, or a serial number",
+            "指纹为 40 位十六进制数字（SHA-1），可带冒号 · 误填了其他指纹或序列号"],
+        next: ["copy it from the client, or: openssl x509 -noout -fingerprint -sha1 -in FILE",
+            "从客户端复制，或执行 openssl x509 -noout -fingerprint -sha1 -in 文件"],
+    }
     NoSetting = "E0840" {
         title: ["the module has no such setting", "模块没有该设置"],
         likely: ["a typing mistake · another model", "输入错误 · 型号不同"],

@@ -203,6 +203,14 @@ codes! {
         next: ["allow this user to read and write BASE/SITE/#; with Sparkplug spBv1.0/#",
             "授权该用户读写 前缀/站点/#；Sparkplug 为 spBv1.0/#"],
     }
+    ClientUntrusted = "E0933" {
+        title: ["the certificate of a client is not trusted", "客户端的证书不受信任"],
+        likely: ["the client connects for the first time, or has a new certificate",
+            "该客户端首次连接，或已更换证书"],
+        next: ["compare this thumbprint with the one the client shows, and add it to trusted of \
+            the integration",
+            "与客户端显示的指纹核对后，将其加入集成的 trusted"],
+    }
     Differs = "E1001" {
         title: ["differences were found", "发现差异"],
         likely: ["the modules' settings are not as configured", "模块设置与期望不同"],

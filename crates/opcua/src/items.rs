@@ -1,0 +1,163 @@
+//! What each monitored item can be told without saying something false.
+//!
+//! The library compares only values where a client sets no filter: that a value has become stale
+//! would never be told. Such an item gets no value while it is not good, so that the change is one
+//! of the value too. And where an item has a sampling interval, a value that comes early is told
+//! later with a time that is not that of its reading: an item gets values with their times only
+//! where the interval could be set to none.
+
+use opcua::server::{CreateMonitoredItem, MonitoredItemHandle};
+use opcua::types::{DataValue, DateTime, StatusCode};
+use std::collections::HashMap;
+
+/// The interval that the library takes for none, in milliseconds. It can't be set to 0.
+const AT_ONCE: f64 = 0.000_1;
+
+/// What an item can be told.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct ItemNeeds {
+    /// Whether a status that changes alone is told.
+    sees_status: bool,
+    /// Whether times are told as they are.
+    keeps_time: bool,
+    /// The time that was told last.
+    last: Option<DateTime>,
+}
+
+/// Whether a client has set what it wants to be told of. The type has no name outside of the
+/// library; what is not recognized counts as none, which is the safe side.
+fn has_filter(item: &CreateMonitoredItem) -> bool {
+    format!("{:?}", item.filter()).starts_with("DataChangeFilter(")
+}
+
+/// The monitored items of all clients.
+#[derive(Debug, Default)]
+pub(crate) struct Items(HashMap<MonitoredItemHandle, ItemNeeds>);
+
+impl Items {
+    /// A client asks for an item, which begins with this value.
+    pub(crate) fn created(&mut self, item: &mut CreateMonitoredItem, value: DataValue) {
+        item.revise_sampling_interval(AT_ONCE);
+        let needs = ItemNeeds {
+            sees_status: has_filter(item),
+            keeps_time: item.sampling_interval() == AT_ONCE,
+            last: None,
+        };
+        self.0.insert(item.handle(), needs);
+        let value = self.shaped(item.handle(), value);
+        item.set_initial_value(value);
+        item.set_status(StatusCode::Good);
+    }
+
+    /// A client changed an item: its filter can't be seen, and its interval not be set.
+    pub(crate) fn modified(&mut self, handle: MonitoredItemHandle) {
+        if let Some(needs) = self.0.get_mut(&handle) {
+            (needs.sees_status, needs.keeps_time) = (false, false);
+        }
+    }
+
+    /// An item is no more.
+    pub(crate) fn deleted(&mut self, handle: MonitoredItemHandle) {
+        self.0.remove(&handle);
+    }
+
+    /// A value as this item is told it.
+    pub(crate) fn shaped(
+        &mut self,
+        handle: MonitoredItemHandle,
+        mut value: DataValue,
+    ) -> DataValue {
+        let Some(needs) = self.0.get_mut(&handle) else {
+            return DataValue {
+                source_timestamp: None,
+                ..value
+            };
+        };
+        let is_good = value.status.is_none_or(|status| status.is_good());
+        if !needs.sees_status && !is_good {
+            value.value = None;
+        }
+        // An earlier time than the last one, after the clock was set back, would be held up too.
+        let is_later = match (needs.last, value.source_timestamp) {
+            (Some(last), Some(time)) => time >= last,
+            _ => true,
+        };
+        if !needs.keeps_time || !is_later {
+            value.source_timestamp = None;
+        }
+        needs.last = value.source_timestamp;
+        value
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use opcua::types::Variant;
+
+    const HANDLE: MonitoredItemHandle = MonitoredItemHandle {
+        subscription_id: 1,
+        monitored_item_id: 2,
+    };
+
+    fn items(sees_status: bool, keeps_time: bool) -> Items {
+        let needs = ItemNeeds {
+            sees_status,
+            keeps_time,
+            last: None,
+        };
+        Items(HashMap::from([(HANDLE, needs)]))
+    }
+
+    fn at(ticks: i64) -> DateTime {
+        DateTime::from(ticks)
+    }
+
+    fn value(status: StatusCode, ticks: i64) -> DataValue {
+        DataValue {
+            value: Some(Variant::Boolean(true)),
+            status: Some(status),
+            source_timestamp: Some(at(ticks)),
+            ..DataValue::default()
+        }
+    }
+
+    const STALE: StatusCode = StatusCode::UncertainLastUsableValue;
+
+    #[test]
+    fn an_item_that_is_not_told_of_a_status_gets_no_value_that_is_not_good() {
+        let told = |sees_status, status| {
+            let mut items = items(sees_status, true);
+            items.shaped(HANDLE, value(status, 7)).value.is_some()
+        };
+        assert!(told(true, StatusCode::Good) && told(true, STALE));
+        assert!(told(false, StatusCode::Good));
+        assert!(!told(false, STALE));
+    }
+
+    #[test]
+    fn a_time_is_that_of_the_reading_or_none() {
+        let mut exact = items(true, true);
+        let mut time = |ticks| exact.shaped(HANDLE, value(STALE, ticks)).source_timestamp;
+        assert_eq!(time(20), Some(at(20)));
+        assert_eq!(time(20), Some(at(20)), "the same reading, stale by now");
+        assert_eq!(time(10), None, "the clock was set back");
+        assert_eq!(time(11), Some(at(11)));
+        let mut held_up = items(true, false);
+        let first = held_up.shaped(HANDLE, value(STALE, 20));
+        assert_eq!(first.source_timestamp, None);
+    }
+
+    #[test]
+    fn what_is_not_known_of_an_item_is_taken_for_the_worst() {
+        let mut items = items(true, true);
+        items.modified(HANDLE);
+        let told = items.shaped(HANDLE, value(STALE, 20));
+        assert_eq!((told.value, told.source_timestamp), (None, None));
+        items.deleted(HANDLE);
+        assert_eq!(
+            items.shaped(HANDLE, value(STALE, 20)).source_timestamp,
+            None
+        );
+    }
+}
