@@ -9,6 +9,8 @@ pub mod secret;
 mod session_routes;
 mod sessions;
 pub(crate) mod setup;
+#[cfg(feature = "opcua")]
+mod sign_in;
 pub(crate) mod store;
 mod tries;
 mod user_routes;
@@ -16,6 +18,8 @@ mod user_routes;
 pub(crate) use accounts::is_selector;
 pub use gate::Gate;
 pub(super) use gate::{Peer, identify};
+#[cfg(feature = "opcua")]
+pub(crate) use notes::note_login;
 pub(super) use session_routes::{ROUTES as SESSION_ROUTES, read};
 pub(super) use user_routes::ROUTES as USER_ROUTES;
 

@@ -342,10 +342,11 @@ async fn open_and_serve(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure
     let source = Source::open(lang, wanted)?;
     let access = Gate::open(&source.state);
     let access = access.map_err(|problem| Failure::of_problem(lang, &problem))?;
+    let access = Arc::new(access);
     let service = Service::start_in(source.config.clone(), &source.state);
     let service = service.map_err(|error| system(lang, error))?;
     let name = site::name_of(source.demo.is_some(), &source.file);
-    let northbound = Northbound::new(&name, &source.state, &service);
+    let northbound = Northbound::new(&name, &source.state, &service, &access);
     let stores = Stores::open(&service, &source.state);
     stores::tell_of_keys(&service);
     service.run_rules();
@@ -382,7 +383,7 @@ async fn open_and_serve(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure
         ops: Arc::new(ops::Ops::default()),
         desk: Arc::clone(&desk),
         northbound: Arc::clone(&northbound),
-        access: Arc::new(access),
+        access,
         origin: origin.into(),
         tls: tls.clone(),
     };

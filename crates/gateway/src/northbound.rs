@@ -16,6 +16,8 @@ mod modbus_rtu;
 mod modbus_tcp;
 mod mqtt;
 mod network;
+#[cfg(feature = "opcua")]
+mod opcua;
 mod outbox;
 mod outlet;
 pub(super) mod routes;
@@ -50,6 +52,8 @@ static NORTHBOUND: &[&OutletKind] = &[
     &modbus_line::KIND,
     &mqtt::KIND,
     &sparkplug::KIND,
+    #[cfg(feature = "opcua")]
+    &opcua::KIND,
     #[cfg(test)]
     &textline::KIND,
 ];

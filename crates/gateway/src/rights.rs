@@ -126,9 +126,10 @@ impl Here {
         let config = Config::parse(TEXT).unwrap();
         let desk = Arc::new(Desk::new(&file, &folder, &config));
         let service = Service::start_in(config, &folder).unwrap();
-        let northbound = Northbound::new("here", &folder, &service);
-        northbound.run(desk.changes());
         let access = Gate::open(&folder).unwrap_or_else(|problem| panic!("{problem:?}"));
+        let access = Arc::new(access);
+        let northbound = Northbound::new("here", &folder, &service, &access);
+        northbound.run(desk.changes());
         let (stop, stopped) = watch::channel(false);
         let site = Site {
             service,
@@ -141,7 +142,7 @@ impl Here {
             ops: Arc::new(ops::Ops::default()),
             desk,
             northbound,
-            access: Arc::new(access),
+            access,
             origin: "http://127.0.0.1:7485".into(),
             tls: None,
         };

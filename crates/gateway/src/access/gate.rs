@@ -151,6 +151,15 @@ impl Gate {
             .send_modify(|count| *count = count.wrapping_add(1));
     }
 
+    /// Notified of changes that may revoke rights.
+    #[cfg_attr(
+        not(feature = "opcua"),
+        expect(dead_code, reason = "no other interface has connections that last")
+    )]
+    pub(crate) fn follow_changes(&self) -> watch::Receiver<u64> {
+        self.changes.subscribe()
+    }
+
     /// A new link for creating the first user, on this daemon's own page.
     pub(crate) fn setup_link(&self, origin: &str) -> Result<String, Problem> {
         if !self.is_new() {

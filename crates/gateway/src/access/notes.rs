@@ -1,21 +1,28 @@
 //! Events about logins, and about changes of permissions.
 
-use super::Caller;
+use super::{Caller, Gate};
 use crate::site::Site;
 use railbus_api::problem::{Problem, codes};
 use railbus_app::render::out;
+use railbus_site::Service;
 use railbus_store::audit::Origin;
 use railbus_store::history::{Event, EventKind, Severity};
 use std::time::Instant;
 
 /// Reports a login attempt; nothing else does. An unknown name may be a password typed into the
 /// wrong field, so it is not recorded.
-pub(super) fn note_login(site: &Site, name: Option<&str>, via: &str, refused: Option<&Problem>) {
+pub(crate) fn note_login(
+    (access, service): (&Gate, &Service),
+    name: Option<&str>,
+    via: &str,
+    refused: Option<&Problem>,
+) {
     if refused.is_some_and(|why| why.code == codes::TRIES.code) {
-        return note_tries(site, via);
+        return note_tries(access, service, via);
     }
-    let known = |name: &&str| site.access.read(|accounts| accounts.user(name).is_some());
-    let name = name.filter(known).unwrap_or("an unknown name");
+    let known = |name: &&str| access.read(|accounts| accounts.user(name).is_some());
+    let name = name.filter(|name| refused.is_none() || known(name));
+    let name = name.unwrap_or("an unknown name");
     let end = refused.map_or("logged in", |problem| problem.title.as_str());
     out::note(&format!("login: {name} via {via}: {end}"));
     let origin = Origin {
@@ -28,17 +35,17 @@ pub(super) fn note_login(site: &Site, name: Option<&str>, via: &str, refused: Op
             Event::new(EventKind::Login, Severity::Warning, "login_refused").text(&why.code)
         }
     };
-    site.service.tell_event(event.by(&origin));
+    service.tell_event(event.by(&origin));
 }
 
 /// Reports too many attempts at a limited rate, so that they cannot flood the history.
-fn note_tries(site: &Site, via: &str) {
-    if !site.access.is_time_to_tell(Instant::now()) {
+fn note_tries(access: &Gate, service: &Service, via: &str) {
+    if !access.is_time_to_tell(Instant::now()) {
         return;
     }
     out::note(&format!("login: too many tries, the last via {via}"));
     let event = Event::new(EventKind::Login, Severity::Warning, "logins_many");
-    site.service.tell_event(event.by(&Origin {
+    service.tell_event(event.by(&Origin {
         who: "an unknown name".to_owned(),
         via: via.to_owned(),
     }));

@@ -176,7 +176,12 @@ async fn set_up(
     to_its_end(async move {
         let end = first_user(&site, address(peer), &body).await;
         let name = end.as_ref().ok().map(|(name, _)| name.as_str());
-        note_login(&site, name, &who.via, end.as_ref().err());
+        note_login(
+            (&site.access, &site.service),
+            name,
+            &who.via,
+            end.as_ref().err(),
+        );
         if let Some(name) = name {
             let first = Caller {
                 name: name.to_owned(),
@@ -247,7 +252,12 @@ async fn log_in(
         };
         let LoginRequest { name, password } = wanted;
         let end = site.access.log_in(&name, password, address(peer)).await;
-        note_login(&site, Some(&name), &who.via, end.as_ref().err());
+        note_login(
+            (&site.access, &site.service),
+            Some(&name),
+            &who.via,
+            end.as_ref().err(),
+        );
         begun((&site, &who), end.map(|secret| (name, secret)))
     })
     .await

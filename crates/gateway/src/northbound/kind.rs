@@ -127,7 +127,7 @@ pub(crate) struct Field {
 /// What a setting can be.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(
-    not(test),
+    not(any(test, feature = "opcua")),
     expect(dead_code, reason = "the kind of the tests has all of them")
 )]
 pub(crate) enum Shape {

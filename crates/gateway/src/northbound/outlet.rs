@@ -5,6 +5,7 @@ use super::kind::{Field, OutletKind, Shape, Work};
 use super::run::Northbound;
 use super::secrets::Secrets;
 use super::supervisor::{Input, OutletCounts, OutletId, RunId, Supervised};
+use crate::access::Gate;
 use crate::access::secret::Secret;
 use jiff::Timestamp;
 use railbus_api::outlets::OutletError;
@@ -42,6 +43,12 @@ pub(crate) struct Outlet {
     pub(crate) report: Report,
     pub(super) kind: &'static OutletKind,
     pub(super) secrets: Arc<Secrets>,
+    /// For kinds whose clients sign in.
+    #[cfg_attr(
+        not(feature = "opcua"),
+        expect(dead_code, reason = "clients of the other kinds do not sign in")
+    )]
+    pub(super) accounts: Arc<Gate>,
     /// The folder of what is kept.
     pub(super) folder: Arc<Path>,
     pub(super) stop: watch::Receiver<bool>,
@@ -67,8 +74,8 @@ impl Outlet {
 
     /// Whether a setting of shape [`Shape::Flag`] is set.
     #[cfg_attr(
-        not(test),
-        expect(dead_code, reason = "only the kind of the tests has such a setting")
+        not(any(test, feature = "opcua")),
+        expect(dead_code, reason = "no other kind has such a setting")
     )]
     pub(crate) fn flag(&self, key: &str) -> bool {
         self.setting(key) == Value::Bool(true)

@@ -7,6 +7,7 @@ use super::secrets::Secrets;
 use super::supervisor::{
     Input, Moment, OutletConfig, OutletCounts, OutletId, Output, RunId, Supervised, Supervisor,
 };
+use crate::access::Gate;
 use jiff::Timestamp;
 use railbus_api::outlets::OutletState;
 use railbus_api::problem::{Problem, codes};
@@ -34,6 +35,8 @@ pub(crate) struct Northbound {
     site: Arc<str>,
     service: Service,
     pub(super) secrets: Arc<Secrets>,
+    /// The accounts of the daemon.
+    accounts: Arc<Gate>,
     /// The state folder.
     folder: Arc<Path>,
     began: Instant,
@@ -80,13 +83,19 @@ impl std::fmt::Debug for Northbound {
 
 impl Northbound {
     /// The outlets of this site. Events from now on wait for them, until [`Northbound::run`].
-    pub(crate) fn new(site: &str, state: &Path, service: &Service) -> Arc<Northbound> {
+    pub(crate) fn new(
+        site: &str,
+        state: &Path,
+        service: &Service,
+        accounts: &Arc<Gate>,
+    ) -> Arc<Northbound> {
         let (secrets, lost) = Secrets::open(state);
         let northbound = Arc::new_cyclic(|me| Northbound {
             me: Weak::clone(me),
             site: site.into(),
             service: service.clone(),
             secrets: Arc::new(secrets),
+            accounts: Arc::clone(accounts),
             folder: state.into(),
             began: Instant::now(),
             state: Mutex::new(State {
@@ -232,6 +241,7 @@ impl Northbound {
             },
             kind: config.kind,
             secrets: Arc::clone(&self.secrets),
+            accounts: Arc::clone(&self.accounts),
             folder: Arc::clone(&self.folder),
             stop,
         }

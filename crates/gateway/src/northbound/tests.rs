@@ -3,6 +3,7 @@
 use super::outlet::Outlet;
 use super::supervisor::{OutletId, Supervised};
 use super::*;
+use crate::access::Gate;
 use railbus_api::outlets::OutletState;
 use railbus_api::problem::codes;
 use railbus_site::Service;
@@ -33,7 +34,8 @@ impl Stage {
         std::fs::create_dir_all(&folder).unwrap();
         let config = Config::parse(&format!("{SITE}{outlets}")).unwrap();
         let service = Service::start_in(config, &folder).unwrap();
-        let northbound = Northbound::new("here", &folder, &service);
+        let accounts = Arc::new(Gate::open(&folder).unwrap());
+        let northbound = Northbound::new("here", &folder, &service, &accounts);
         let changes = watch::Sender::new(0);
         northbound.run(changes.subscribe());
         Stage {

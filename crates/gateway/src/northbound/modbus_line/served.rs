@@ -1,6 +1,7 @@
 //! The gateway over sockets, in front of the simulated line of the demo, which other protocols are
 //! spoken on, too.
 
+use crate::access::Gate;
 use crate::northbound::Northbound;
 use crate::northbound::supervisor::{OutletId, Supervised};
 use railbus_api::outlets::OutletState;
@@ -52,7 +53,8 @@ impl Served {
         );
         let config = Config::parse(&format!("{text}{outlet}")).unwrap();
         let service = Service::start_in(config, &folder).unwrap();
-        let northbound = Northbound::new("here", &folder, &service);
+        let accounts = Arc::new(Gate::open(&folder).unwrap());
+        let northbound = Northbound::new("here", &folder, &service, &accounts);
         let changes = watch::Sender::new(0);
         northbound.run(changes.subscribe());
         let served = Served {

@@ -1,6 +1,7 @@
 //! The slave at a real terminal: asked by a master, unplugged and plugged in again.
 
 use super::server;
+use crate::access::Gate;
 use crate::northbound::Northbound;
 use crate::northbound::supervisor::{OutletId, Supervised};
 use railbus_api::outlets::OutletState;
@@ -52,7 +53,8 @@ impl Served {
         );
         let config = Config::parse(&format!("{SITE}{outlet}")).unwrap();
         let service = Service::start_in(config, &folder).unwrap();
-        let northbound = Northbound::new("here", &folder, &service);
+        let accounts = Arc::new(Gate::open(&folder).unwrap());
+        let northbound = Northbound::new("here", &folder, &service, &accounts);
         let served = Served {
             folder,
             _service: service,

@@ -1,5 +1,6 @@
 //! The server over sockets: what one client does holds up no other, and not its end.
 
+use crate::access::Gate;
 use crate::northbound::Northbound;
 use crate::northbound::supervisor::{OutletId, Supervised};
 use railbus_api::outlets::OutletState;
@@ -55,7 +56,8 @@ impl Served {
         std::fs::create_dir_all(&folder).unwrap();
         let text = with_outlet(&site(&folder), at);
         let service = Service::start_in(Config::parse(&text).unwrap(), &folder).unwrap();
-        let northbound = Northbound::new("here", &folder, &service);
+        let accounts = Arc::new(Gate::open(&folder).unwrap());
+        let northbound = Northbound::new("here", &folder, &service, &accounts);
         let changes = watch::Sender::new(0);
         northbound.run(changes.subscribe());
         Served {

@@ -1,5 +1,6 @@
 //! The outlet as a broker has it, packet by packet.
 
+use crate::access::Gate;
 use crate::northbound::Northbound;
 use crate::northbound::sparkplug::payload::{MetricValue, Payload};
 use railbus_site::{Config, Service};
@@ -106,7 +107,8 @@ async fn a_connection_is_as_hosts_expect_it() {
         std::fs::create_dir_all(&folder).unwrap();
         let config = Config::parse(&text).unwrap();
         let service = Service::start_in(config, &folder).unwrap();
-        let northbound = Northbound::new("here", &folder, &service);
+        let accounts = std::sync::Arc::new(Gate::open(&folder).unwrap());
+        let northbound = Northbound::new("here", &folder, &service, &accounts);
         let changes = watch::Sender::new(0);
         northbound.run(changes.subscribe());
         let mut stream = listener.accept().await.unwrap().0;

@@ -1,0 +1,279 @@
+//! Who is let in by what account, and what becomes of them. The server itself is tried by foreign
+//! clients, and in its own crate.
+
+use super::users::OutletUsers;
+use crate::access::Gate;
+use crate::access::desk;
+use crate::northbound::Northbound;
+use crate::northbound::supervisor::{OutletId, Supervised};
+use railbus_api::outlets::OutletState;
+use railbus_opcua::{ANONYMOUS, OpcuaUsers as _};
+use railbus_site::{Config, Role, Service};
+use railbus_store::audit::Origin;
+use serde_json::json;
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::Ordering::Relaxed;
+use std::time::Duration;
+use tokio::io::AsyncReadExt as _;
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::watch;
+
+const SITE: &str = "[line.main]\nport = \"/dev/ttyS99\"\n[module.oven]\nline = \"main\"\n\
+    model = \"erc8\"\naddress = 3\n";
+/// Long enough for the busiest machine; nothing is proven by it.
+const PATIENCE: Duration = Duration::from_secs(60);
+const PASSWORD: &str = "correct horse battery";
+
+struct Served {
+    folder: PathBuf,
+    service: Service,
+    accounts: Arc<Gate>,
+    northbound: Arc<Northbound>,
+    at: SocketAddr,
+    _changes: watch::Sender<u64>,
+}
+
+impl Served {
+    async fn start(name: &str) -> Served {
+        let free = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let at = free.local_addr().unwrap();
+        drop(free);
+        let unique = format!("railbus-opcua-{}-{name}", std::process::id());
+        let folder = std::env::temp_dir().join(unique);
+        std::fs::create_dir_all(&folder).unwrap();
+        let text = format!("{SITE}[outlet.scada]\ntype = \"opcua\"\nlisten = \"{at}\"\n");
+        let service = Service::start_in(Config::parse(&text).unwrap(), &folder).unwrap();
+        let accounts = Arc::new(Gate::open(&folder).unwrap());
+        let northbound = Northbound::new("here", &folder, &service, &accounts);
+        let changes = watch::Sender::new(0);
+        northbound.run(changes.subscribe());
+        Served {
+            folder,
+            service,
+            accounts,
+            northbound,
+            at,
+            _changes: changes,
+        }
+    }
+
+    async fn user(&self, name: &str, role: Role, points: &[&str]) {
+        let user = json!({
+            "name": name, "role": role.name(), "points": points, "password": PASSWORD
+        });
+        let user = user.to_string();
+        desk::add_user(&self.accounts, user.as_bytes())
+            .await
+            .unwrap();
+    }
+
+    fn users(&self, allows_anonymous: bool) -> OutletUsers {
+        OutletUsers::new(
+            &self.accounts,
+            &self.service,
+            "opcua:scada",
+            allows_anonymous,
+        )
+    }
+
+    async fn until(&self, is_so: impl Fn(&Supervised) -> bool) {
+        let id = OutletId {
+            kind: super::KIND.name,
+            name: "scada".to_owned(),
+        };
+        let looks = async {
+            loop {
+                let news = self.northbound.news.notified();
+                if self.northbound.look(&id, &is_so) == Some(true) {
+                    return;
+                }
+                news.await;
+            }
+        };
+        tokio::time::timeout(PATIENCE, looks).await.unwrap();
+    }
+}
+
+impl Drop for Served {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.folder);
+    }
+}
+
+#[tokio::test]
+async fn an_identity_has_the_rights_of_its_account_as_they_are_now() {
+    let served = Served::start("rights").await;
+    served.user("admin", Role::Admin, &[]).await;
+    served.user("li", Role::Operator, &["oven.k1"]).await;
+    let users = served.users(false);
+    let password = || PASSWORD.to_owned();
+    assert_eq!(users.sign_in("li", "wrong".to_owned()).await, None);
+    assert_eq!(users.sign_in("nobody", password()).await, None);
+    let li = users.sign_in("li", password()).await.unwrap();
+    let user = users.user(&li).unwrap();
+    assert_eq!(user.name, "li");
+    assert!(user.rights.may_switch("oven", "k1").is_ok());
+    assert!(user.rights.may_switch("oven", "k2").is_err());
+
+    let change = |body: serde_json::Value| {
+        let (accounts, body) = (Arc::clone(&served.accounts), body.to_string());
+        async move {
+            desk::change_user(&accounts, "li", None, body.as_bytes())
+                .await
+                .unwrap()
+        }
+    };
+    change(json!({"points": ["oven.k2"]})).await;
+    let rights = users.user(&li).unwrap().rights;
+    assert!(rights.may_switch("oven", "k1").is_err() && rights.may_switch("oven", "k2").is_ok());
+
+    // Nobody goes on under an old password, or without an account.
+    change(json!({"password": "another horse battery"})).await;
+    assert!(users.user(&li).is_none());
+    users.revoked().await;
+    change(json!({"password": PASSWORD})).await;
+    assert!(users.user(&li).is_none(), "signed in before");
+    let again = users.sign_in("li", password()).await.unwrap();
+    change(json!({"locked": true})).await;
+    assert!(users.user(&again).is_none());
+    assert_eq!(users.sign_in("li", password()).await, None);
+}
+
+#[tokio::test]
+async fn a_token_signs_in_and_nobody_else_without_a_password() {
+    let served = Served::start("tokens").await;
+    served.user("admin", Role::Admin, &[]).await;
+    let body = json!({"name": "grafana", "role": "viewer"}).to_string();
+    let made = desk::add_token(&served.accounts, "admin", body.as_bytes())
+        .await
+        .unwrap();
+    let token = made["token"].as_str().unwrap().to_owned();
+    let users = served.users(false);
+    let identity = users.sign_in("whoever", token.clone()).await.unwrap();
+    assert!(!identity.contains(&token), "it may be shown");
+    let user = users.user(&identity).unwrap();
+    assert_eq!(
+        (&*user.name, user.rights.role),
+        ("token:grafana", Role::Viewer)
+    );
+    desk::remove_token(&served.accounts, "grafana")
+        .await
+        .unwrap();
+    assert!(users.user(&identity).is_none());
+    users.revoked().await;
+
+    assert!(users.user(ANONYMOUS).is_none());
+    let guest = served.users(true).user(ANONYMOUS).unwrap();
+    assert_eq!(guest.rights.role, Role::Viewer);
+    for forged in [
+        "user:admin",
+        "user::admin",
+        "user:0000000000000000:admin",
+        "token:",
+        "",
+    ] {
+        assert!(users.user(forged).is_none(), "{forged}");
+    }
+}
+
+#[tokio::test]
+async fn it_answers_its_own_test_and_ends_who_does_not_say_hello() {
+    let served = Served::start("hello").await;
+    served
+        .until(|outlet| outlet.state() == OutletState::Running)
+        .await;
+    let id = OutletId {
+        kind: super::KIND.name,
+        name: "scada".to_owned(),
+    };
+    let by = Origin::program("tests");
+    let said = served.northbound.aside(&id, by, super::KIND.test).await;
+    let url = format!("opc.tcp://127.0.0.1:{}/", served.at.port());
+    assert_eq!(said.unwrap().unwrap(), url);
+
+    let mut silent = TcpStream::connect(served.at).await.unwrap();
+    let mut garbage = TcpStream::connect(served.at).await.unwrap();
+    tokio::io::AsyncWriteExt::write_all(&mut garbage, b"GET / HTTP/1.1\r\n\r\n")
+        .await
+        .unwrap();
+    let mut answer = Vec::new();
+    // Both end by themselves, one with an error message of the protocol.
+    garbage.read_to_end(&mut answer).await.unwrap();
+    answer.clear();
+    silent.read_to_end(&mut answer).await.unwrap();
+    let clients = |outlet: &Supervised| outlet.counts().clients.load(Relaxed);
+    let gone = async {
+        while served.northbound.look(&id, clients) != Some(0) {
+            tokio::task::yield_now().await;
+        }
+    };
+    tokio::time::timeout(PATIENCE, gone).await.unwrap();
+}
+
+mod relayed {
+    use super::super::relay::relay;
+    use std::io::ErrorKind;
+    use std::sync::Arc;
+    use std::time::Duration;
+    use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _, duplex, split};
+    use tokio::sync::Notify;
+    use tokio::time::{Instant, timeout};
+
+    /// How much a side holds before it is read.
+    const HELD: usize = 1_024;
+
+    #[tokio::test(start_paused = true)]
+    async fn bytes_go_both_ways_until_one_side_ends() {
+        let (mut client, outer) = duplex(HELD);
+        let (mut server, inner) = duplex(HELD);
+        let relayed = tokio::spawn(relay(split(outer), split(inner)));
+        for (words, size) in [("a question", 10), ("another, longer question", 24)] {
+            client.write_all(words.as_bytes()).await.unwrap();
+            let mut got = vec![0; size];
+            server.read_exact(&mut got).await.unwrap();
+            assert_eq!(got, words.as_bytes());
+            server.write_all(&got).await.unwrap();
+            client.read_exact(&mut got).await.unwrap();
+            assert_eq!(got, words.as_bytes());
+        }
+        drop(client);
+        let end = relayed.await.unwrap().unwrap_err();
+        assert_eq!(end.kind(), ErrorKind::UnexpectedEof);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_client_that_takes_no_answers_is_not_read_and_ends() {
+        let began = Instant::now();
+        let (mut client, outer) = duplex(HELD);
+        let (mut server, inner) = duplex(HELD);
+        let relayed = tokio::spawn(relay(split(outer), split(inner)));
+        let full = Arc::new(Notify::new());
+        let is_full = Arc::clone(&full);
+        // More than is held on the way; the client takes none of it.
+        let answers = tokio::spawn(async move {
+            let (mut taken, waiting) = (0, Duration::from_millis(10));
+            let mut asked = [0; HELD];
+            loop {
+                match timeout(waiting, server.write(&[7; HELD])).await {
+                    Ok(Ok(count)) => taken += count,
+                    Ok(Err(_)) => return taken,
+                    Err(_) => {
+                        is_full.notify_one();
+                        let read = timeout(waiting, server.read(&mut asked)).await;
+                        let count = read.map_or(0, Result::unwrap_or_default);
+                        assert_eq!(count, 0, "it was read though it owes");
+                    }
+                }
+            }
+        });
+        full.notified().await;
+        client.write_all(b"and another question").await.unwrap();
+        let end = relayed.await.unwrap().unwrap_err();
+        assert_eq!(end.kind(), ErrorKind::TimedOut);
+        let lasted = began.elapsed();
+        assert!(lasted >= Duration::from_secs(10) && lasted < Duration::from_secs(12));
+        assert!(answers.await.unwrap() < 64 * HELD, "bounded");
+    }
+}
