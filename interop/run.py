@@ -17,7 +17,7 @@ import rig
 import tables
 
 # What must be installed: how to check, and the command that installs it.
-PYTHON = ("pymodbus", "serial")
+PYTHON = ("pymodbus", "serial", "asyncua")
 # A host application for Sparkplug; it needs an older paho-mqtt, and so a Python of its own.
 SPARKPLUG = ("target/sparkplug-venv", "pysparkplug==0.6.1", "paho-mqtt==1.6.1")
 PROGRAMS = {
@@ -35,7 +35,7 @@ def missing():
     """The commands that install what is missing."""
     lines = []
     if not all(importlib.util.find_spec(name) for name in PYTHON):
-        lines.append(f"{sys.executable} -m pip install 'pymodbus==3.*' pyserial")
+        lines.append(f"{sys.executable} -m pip install 'pymodbus==3.*' pyserial asyncua==2.1.0")
     lines += missing_of_sparkplug()
     # Debian has servers where only root looks for them.
     path = os.pathsep.join([os.environ.get("PATH", ""), "/usr/sbin"])
@@ -96,11 +96,13 @@ def daemons(words):
     import modbus_tcp_suite
     import mqtt_replay_suite
     import mqtt_suite
+    import opcua_suite
     import sparkplug_host_suite
     import sparkplug_suite
 
     return chosen((modbus_tcp_suite, modbus_security_suite, modbus_rtu_suite, modbus_line_suite,
-                   mqtt_suite, mqtt_replay_suite, sparkplug_suite, sparkplug_host_suite), words)
+                   mqtt_suite, mqtt_replay_suite, sparkplug_suite, sparkplug_host_suite,
+                   opcua_suite), words)
 
 
 def alone(words):

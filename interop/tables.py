@@ -609,6 +609,40 @@ every change: {without a broker,without the primary host,never again}
 every change: the rules of Sparkplug
 """
 
+# The daemon's OPC UA server, with asyncua ----------------------------------------------------------
+
+OPCUA = """
+browse: lines, modules and points
+browse: types
+read: value, status and source time
+read: a dead module
+read: stale
+watch, {no filter,filter,interval 0,interval 60 s,interval of the subscription}: from the beginning
+watch, {no filter,filter,interval 0,interval 60 s,interval of the subscription}: a change
+watch, {no filter,filter,interval 0,interval 60 s,interval of the subscription}: a dead module
+watch, {no filter,filter,interval 0,interval 60 s,interval of the subscription}: source times
+watch, {no filter,filter}: stale
+write: switched and read back
+write: several at once
+write: refused
+write: a dead module
+write: a relay that does not move
+call: {done,refused}
+rights: {points,role,nobody,token}
+rights: a wrong password
+history: as it was
+limits: sessions and connections
+security: a client that is not trusted
+security: {Basic256Sha256,Aes256_Sha256_RsaPss}
+security: nobody without signing in
+security: without encryption on this machine only
+security: the key is its owner's alone
+a reload: what is gone is said, and the others go on
+an account that is locked: its connections end
+a line that is gone: every value is said to be
+kill -9: the same server afterwards
+"""
+
 # The daemon's Modbus RTU slave, in front of the same modules ----------------------------------
 
 MODBUS_RTU_SLAVE = """
@@ -644,6 +678,7 @@ TABLES = {
     "Modbus gateway to a line": MODBUS_LINE,
     "MQTT": MQTT,
     "Sparkplug": SPARKPLUG,
+    "OPC UA": OPCUA,
     "Modbus RTU slave": MODBUS_RTU_SLAVE,
 }
 

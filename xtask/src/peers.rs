@@ -63,6 +63,8 @@ const PEERS: Venv = Venv {
     packages: &[
         ("pymodbus==3.*", "pymodbus", "3."),
         ("pyserial", "pyserial", ""),
+        // An OPC UA client.
+        ("asyncua==2.1.0", "asyncua", "2.1.0"),
         // Parses `/metrics`.
         ("prometheus-client>=0.20", "prometheus_client", ""),
         // Sends the API what its document allows, and what it does not.
