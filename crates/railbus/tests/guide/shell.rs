@@ -1,7 +1,7 @@
 //! The reader's shell: its own folder, the program in the path.
 //!
 //! Where a page has `/tmp/`, a reader's files are; here that is the folder, and [`ADDRESS`],
-//! [`MODBUS_PORT`] and [`MQTT_PORT`] are replaced by free ports, so that pages tested at the same
+//! [`MODBUS_PORT`], [`MQTT_PORT`] and [`OPCUA_PORT`] are replaced by free ports, so that pages tested at the same
 //! time do not collide.
 
 use crate::websocket::Client;
@@ -21,6 +21,7 @@ const ANY_PORT: &str = "127.0.0.1:0";
 const MODBUS_PORT: &str = "1502";
 /// Where the MQTT broker of a page listens.
 const MQTT_PORT: &str = "1883";
+const OPCUA_PORT: &str = "4840";
 
 pub(crate) struct Shell {
     folder: PathBuf,
@@ -28,6 +29,7 @@ pub(crate) struct Shell {
     address: String,
     modbus_port: String,
     mqtt_port: String,
+    opcua_port: String,
     background: Vec<Child>,
 }
 
@@ -54,6 +56,7 @@ impl Shell {
             address: ANY_PORT.to_owned(),
             modbus_port: free_port(count).to_string(),
             mqtt_port: free_port(count + 6_000).to_string(),
+            opcua_port: free_port(count + 9_000).to_string(),
             background: Vec::new(),
         }
     }
@@ -117,6 +120,7 @@ impl Shell {
         // The folder may have these digits in its name.
         text.replace(MODBUS_PORT, &self.modbus_port)
             .replace(MQTT_PORT, &self.mqtt_port)
+            .replace(OPCUA_PORT, &self.opcua_port)
             .replace("/tmp/", &format!("{}/", self.folder.display()))
             .replace(ADDRESS, &self.address)
     }
@@ -130,6 +134,10 @@ impl Shell {
             .replace(
                 &format!("127.0.0.1:{}", self.modbus_port),
                 &format!("127.0.0.1:{MODBUS_PORT}"),
+            )
+            .replace(
+                &format!("127.0.0.1:{}", self.opcua_port),
+                &format!("127.0.0.1:{OPCUA_PORT}"),
             );
         match self.address == ANY_PORT {
             true => text,
@@ -141,13 +149,15 @@ impl Shell {
         let program = Path::new(env!("CARGO_BIN_EXE_railbus"));
         let folder = program.parent().expect("it lies in one").display();
         let path = std::env::var("PATH").unwrap_or_default();
+        // Where the third-party programs in Python are.
+        let peers = concat!(env!("CARGO_MANIFEST_DIR"), "/../../target/interop-venv/bin");
         let mut shell = Command::new("sh");
         shell
             .args(["-c", &self.here(command)])
             .current_dir(&self.folder)
             .stdin(Stdio::null())
             .process_group(0)
-            .env("PATH", format!("{folder}:{path}"))
+            .env("PATH", format!("{folder}:{path}:{peers}"))
             .env("RAILBUS_LANG", &self.lang)
             .env("TZ", "UTC")
             .env("HOME", &self.folder)
