@@ -1,4 +1,4 @@
-"""What the suite of the OPC UA server needs: simulated modules, the daemon, and a client by others."""
+"""What the suite of the OPC UA server needs: modules, the daemon, and a client by others."""
 
 import json
 import logging

@@ -84,7 +84,7 @@ def watched(s, li):
     """Changes, and modules that go: with and without a filter, and with all intervals."""
     ways = {"no filter": {}, "filter": {"filtered": True}, "interval 0": {"interval": 0.0},
             "interval 60 s": {"interval": 60000.0, "filtered": True},
-            "interval of the subscription": {"interval": -1.0, "filtered": True}}
+            "interval -1": {"interval": -1.0, "filtered": True}}
     names = ["oven.k1", "hall.di1", "tank.ai1", "oven/State"]
     told = {way: li.watch(*names, **how) for way, how in ways.items()}
     for way, its in told.items():
@@ -124,8 +124,8 @@ def watched(s, li):
             entry = f"watch, {way}: source times"
             s.check(entry, [at for at in times if at not in known][1:], [], name)
             s.check(entry, times, sorted(times), name)
-    untimed = told["interval of the subscription"].got.get("tank.ai1", [])
-    s.check("watch, interval of the subscription: source times",
+    untimed = told["interval -1"].got.get("tank.ai1", [])
+    s.check("watch, interval -1: source times",
             [at for _, _, at in untimed if at], [], "none that would be false")
 
 
@@ -150,7 +150,8 @@ def stale(s, li):
 def written(s, li):
     """What a write says is so."""
     entry = "write: switched and read back"
-    for name, module, nth in (("oven.k1", "oven", 0), ("hall.do0", "hall", 0), ("tank.k2", "tank", 1)):
+    for name, module, nth in (("oven.k1", "oven", 0), ("hall.do0", "hall", 0),
+                              ("tank.k2", "tank", 1)):
         for on in (True, False):
             s.check(entry, li.write(name, on), GOOD, name)
             s.check(entry, s.sim.outputs(module)[nth], int(on), f"the relay of {name}")
@@ -166,10 +167,12 @@ def written(s, li):
             [GOOD] * 3, "the same three times")
     s.check(entry, li.read("oven.k1")[1], False, "the last one")
     entry = "write: refused"
-    for name, value, want in (("oven.k6", True, "BadNotWritable"), ("hall.di0", True, "BadNotWritable"),
-                              ("oven/State", True, "BadNotWritable"), ("oven.k7", True, "BadInvalidState"),
-                              ("oven.k2", 1, "BadTypeMismatch"), ("oven.k2", "true", "BadTypeMismatch"),
-                              ("oven.k2", 1.0, "BadTypeMismatch"), ("oven.k2", [True], "BadTypeMismatch")):
+    for name, value, want in (
+        ("oven.k6", True, "BadNotWritable"), ("hall.di0", True, "BadNotWritable"),
+        ("oven/State", True, "BadNotWritable"), ("oven.k7", True, "BadInvalidState"),
+        ("oven.k2", 1, "BadTypeMismatch"), ("oven.k2", "true", "BadTypeMismatch"),
+        ("oven.k2", 1.0, "BadTypeMismatch"), ("oven.k2", [True], "BadTypeMismatch"),
+    ):
         s.check(entry, li.write(name, value), want, f"{name} {value!r}")
     s.check(entry, li.write("oven.k4", True), GOOD, "interlocked with k5")
     s.check(entry, li.write("oven.k5", True), "BadInvalidState", "interlocked with k4")
@@ -177,7 +180,8 @@ def written(s, li):
     for name in ("oven.k3", "oven.k4", "hall.do1"):
         li.write(name, False)
     s.sim.do("fault oven stuck k2")
-    s.check("write: a relay that does not move", li.write("oven.k2", True), "BadDeviceFailure", "k2")
+    entry = "write: a relay that does not move"
+    s.check(entry, li.write("oven.k2", True), "BadDeviceFailure", "k2")
     s.sim.do("fault clear")
 
 
@@ -188,7 +192,8 @@ def called(s, li):
     s.check(entry, (status, end, code, len(audit) > 8), (GOOD, "readback", "", True), "Toggle")
     s.check(entry, s.sim.outputs("oven")[0], 1, "k1")
     told = li.watch("oven.k2")
-    status, (end, code, _) = li.call("oven", "Pulse", "k2", ua.Variant(300, ua.VariantType.UInt32))
+    width = ua.Variant(300, ua.VariantType.UInt32)
+    status, (end, code, _) = li.call("oven", "Pulse", "k2", width)
     s.check(entry, (status, end, code), (GOOD, "readback", ""), "Pulse")
     until(lambda: told.newest("oven.k2") == (GOOD, False) and (GOOD, True) in told.all("oven.k2"))
     s.check(entry, told.newest("oven.k2"), (GOOD, False), "the end of the pulse")
@@ -196,14 +201,14 @@ def called(s, li):
     status, (end, _, _) = li.call("hall", "AllOff")
     s.check(entry, (status, end, s.sim.outputs("hall")), (GOOD, "readback", [0] * 4), "AllOff")
     entry = "call: refused"
-    for arguments, want in ((("oven", "Toggle", "k9"), UNKNOWN), (("oven", "Toggle", "k6"), "BadNotWritable"),
-                            (("oven", "Toggle", 5), "BadInvalidArgument"),
-                            (("oven", "Pulse", "k1"), "BadInvalidArgument"),
-                            (("oven", "Pulse", "k7", ua.Variant(300, ua.VariantType.UInt32)),
-                             "BadInvalidState"),
-                            (("hall", "Toggle", "di0"), "BadNotWritable"),
-                            (("oven", "Nothing"), "BadMethodInvalid"),
-                            (("oven", "AllOff"), "BadInvalidState")):
+    for arguments, want in (
+        (("oven", "Toggle", "k9"), UNKNOWN), (("oven", "Toggle", "k6"), "BadNotWritable"),
+        (("oven", "Toggle", 5), "BadInvalidArgument"),
+        (("oven", "Pulse", "k1"), "BadInvalidArgument"),
+        (("oven", "Pulse", "k7", width), "BadInvalidState"),
+        (("hall", "Toggle", "di0"), "BadNotWritable"), (("oven", "Nothing"), "BadMethodInvalid"),
+        (("oven", "AllOff"), "BadInvalidState"),
+    ):
         status, outputs = li.call(*arguments)
         s.check(entry, (status, outputs), (want, []), f"{arguments}")
     s.check(entry, s.sim.outputs("oven"), [1, *OFF[1:]], "relays")

@@ -609,7 +609,7 @@ every change: {without a broker,without the primary host,never again}
 every change: the rules of Sparkplug
 """
 
-# The daemon's OPC UA server, with asyncua ----------------------------------------------------------
+# The daemon's OPC UA server, with asyncua --------------------------------------------------------
 
 OPCUA = """
 browse: lines, modules and points
@@ -617,10 +617,10 @@ browse: types
 read: value, status and source time
 read: a dead module
 read: stale
-watch, {no filter,filter,interval 0,interval 60 s,interval of the subscription}: from the beginning
-watch, {no filter,filter,interval 0,interval 60 s,interval of the subscription}: a change
-watch, {no filter,filter,interval 0,interval 60 s,interval of the subscription}: a dead module
-watch, {no filter,filter,interval 0,interval 60 s,interval of the subscription}: source times
+watch, {no filter,filter,interval 0,interval 60 s,interval -1}: from the beginning
+watch, {no filter,filter,interval 0,interval 60 s,interval -1}: a change
+watch, {no filter,filter,interval 0,interval 60 s,interval -1}: a dead module
+watch, {no filter,filter,interval 0,interval 60 s,interval -1}: source times
 watch, {no filter,filter}: stale
 write: switched and read back
 write: several at once
