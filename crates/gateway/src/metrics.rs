@@ -198,9 +198,12 @@ impl Scrape {
         let name = "railbus_outlet_up";
         let mut family = to.encode_descriptor(name, about, None, MetricType::Gauge)?;
         for outlet in &self.outlets {
+            let Some(is_up) = outlet.is_up else {
+                continue;
+            };
             let labels = [("kind", outlet.kind), ("outlet", outlet.name.as_str())];
             let mut one = family.encode_family(&labels)?;
-            one.encode_gauge(&i64::from(outlet.is_up))?;
+            one.encode_gauge(&i64::from(is_up))?;
         }
         Ok(())
     }
@@ -232,6 +235,14 @@ impl Scrape {
         let name = "railbus_uptime_seconds";
         let mut one = to.encode_descriptor(name, about, None, MetricType::Gauge)?;
         one.encode_gauge(&(self.service.age().0 as f64 / 1e6))?;
+        let about = "Whether the audit log is written";
+        let name = "railbus_audit_up";
+        let works = self
+            .service
+            .audit_log()
+            .is_some_and(|log| !log.is_failing());
+        let mut one = to.encode_descriptor(name, about, None, MetricType::Gauge)?;
+        one.encode_gauge(&i64::from(works))?;
         let about = "Memory in use";
         let name = "process_resident_memory_bytes";
         if let Some(bytes) = super::about::resident() {

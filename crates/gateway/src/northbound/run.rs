@@ -70,7 +70,8 @@ pub(crate) struct OutletFigures {
     pub(crate) queue: usize,
     /// For kinds that listen.
     pub(crate) clients: Option<usize>,
-    pub(crate) is_up: bool,
+    /// None where it is switched off.
+    pub(crate) is_up: Option<bool>,
 }
 
 impl std::fmt::Debug for Northbound {
@@ -285,7 +286,9 @@ impl Northbound {
                 ],
                 queue: counts.queue.load(Relaxed),
                 clients: has_clients.then(|| counts.clients.load(Relaxed)),
-                is_up: outlet.state() == OutletState::Running,
+                is_up: outlet
+                    .is_wanted()
+                    .then(|| outlet.state() == OutletState::Running),
             }
         })
     }

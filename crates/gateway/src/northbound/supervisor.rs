@@ -208,7 +208,8 @@ impl Supervised {
         }
     }
 
-    fn is_wanted(&self) -> bool {
+    /// Whether it is to run.
+    pub(crate) fn is_wanted(&self) -> bool {
         self.config.as_ref().is_some_and(|config| config.is_enabled)
     }
 
