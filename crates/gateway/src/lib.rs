@@ -16,6 +16,7 @@
 //! - A system that the site is published to (events over HTTP, …): `northbound`, a folder each and
 //!   a line in `northbound.rs`; its settings are declared and read in its folder, too, and so is
 //!   how often it tries again. An example is the kind of the tests, in the same folder.
+//!   What outlets offer by the configuration alone, for `railbus export`: [`offered`].
 //! - Requests repeated under an `Idempotency-Key`: the header is read in `order`, its answer is
 //!   in `keys`; what is kept of them is the site's. Long operations: `ops`. Exclusive access to
 //!   a line over HTTP, which ends with its connection: `loan`, who may have it is in its row;
@@ -79,6 +80,7 @@ use access::Gate;
 use config::Desk;
 use guard::Front;
 use listen::ConnectionLimit;
+pub use northbound::offered;
 use northbound::{DemoOutlet, Northbound};
 use notify::Notify;
 use railbus_api::problem::Problem;

@@ -16,6 +16,7 @@ mod modbus_rtu;
 mod modbus_tcp;
 mod mqtt;
 mod network;
+pub mod offered;
 #[cfg(feature = "opcua")]
 mod opcua;
 mod outbox;

@@ -1,5 +1,6 @@
 //! What a kind of outlet is: its name, its settings as data, and its functions.
 
+use super::offered::OfferWay;
 use super::outlet::Outlet;
 use railbus_api::problem::{Problem, ProblemType as ProblemKind, codes};
 use railbus_site::config::Invalid;
@@ -53,6 +54,9 @@ pub(crate) struct OutletKind {
     pub(crate) test: fn(Outlet) -> Work<Result<String, Problem>>,
     /// Where each point stands at the other side; none where that is not fixed.
     pub(crate) map: Option<AddressMap>,
+    /// What the outlet of this name at this site offers other programs; none where there is
+    /// nothing that the command line exports.
+    pub(crate) offer: fn(&str, &Keys, site: &str, &Config) -> Option<OfferWay>,
     /// The outlet of this kind that the demo has.
     pub(crate) demo: Option<DemoOutlet>,
     /// Whether others connect to it, so that it counts them.
@@ -203,6 +207,7 @@ impl OutletKind {
             run,
             test,
             map: None,
+            offer: |_, _, _, _| None,
             demo: None,
             has_clients: false,
             on_change: OnChange::Restart,

@@ -1,7 +1,17 @@
 //! Settings that several kinds have.
 
 use crate::northbound::kind::{Field, Pair, Shape};
+use railbus_site::config::change::Keys;
 use railbus_site::{WITHIN_MAX, WITHIN_MIN};
+
+/// How long a command may wait, in ms, if nothing else is said.
+const WITHIN_USUAL: i64 = 5_000;
+
+/// How long a command may wait, in ms.
+pub(crate) fn within_ms(settings: &Keys) -> u64 {
+    let said = settings.get("within_ms").and_then(|value| value.as_i64());
+    said.unwrap_or(WITHIN_USUAL).unsigned_abs()
+}
 
 /// Who may connect.
 pub(crate) const ALLOW: Field =
@@ -46,7 +56,7 @@ pub(crate) const WITHIN: Field = Field::new(
         "A command must be sent within (ms)",
         "命令须在此时间内发出（毫秒）",
     ],
-    Shape::Number(millis(WITHIN_MIN), millis(WITHIN_MAX), 5_000),
+    Shape::Number(millis(WITHIN_MIN), millis(WITHIN_MAX), WITHIN_USUAL),
 );
 
 const MAPS: &[(&str, Pair)] = &[

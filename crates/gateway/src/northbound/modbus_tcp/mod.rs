@@ -5,12 +5,13 @@
 //! site, and are answered with their true end.
 //!
 //! - What it shares with other kinds that serve Modbus, as units and their answers: `modbus`.
-//! - Its settings: `settings`.
+//! - Its settings: `settings`; what they offer other programs: `offered`.
 //! - One connection, without I/O: `conn`. Sockets and limits: `server`; with or without TLS:
 //!   `stream`.
 //! - Over TLS, who a client is and what it may switch: `security` and `roles`.
 
 mod conn;
+mod offered;
 mod roles;
 #[cfg(test)]
 mod secured;
@@ -33,6 +34,7 @@ use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 pub(super) static KIND: OutletKind = OutletKind {
     notes: NOTES,
     map: Some(table::MAP),
+    offer: |_, settings, _, config| offered::offer(settings, config),
     demo: Some(DemoOutlet {
         name: "modbus",
         listen: LISTEN,

@@ -3,16 +3,23 @@
 //!
 //! A message of the form `device` has all entities of a module. Home Assistant removes an entity
 //! only if the message says so: [`Described`] remembers all that were ever published.
+//!
+//! The same for a Home Assistant that is to have it in its own configuration: `by_hand`.
+
+mod by_hand;
 
 use super::told::{OFFLINE, ONLINE};
 use super::topics::{Facet, Topics};
-use railbus_device::{Point, PointKind};
+use crate::northbound::offered::home_class;
+use railbus_device::{Family, Point, PointKind};
 use railbus_site::config::{Name, Range};
-use railbus_site::{ModuleStatus, Picture, PointStatus, Rights};
+use railbus_site::{Picture, PointStatus, Rights};
 use serde_json::{Map, Value, json};
 use sha2::{Digest as _, Sha256};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
+
+pub(super) use by_hand::by_hand;
 
 /// Between a topic and an entity of it, where they are remembered. No topic has it.
 pub(super) const MARK: char = '#';
@@ -61,7 +68,9 @@ struct Entity {
 /// What is known of a module.
 #[derive(Debug)]
 struct Known {
-    status: ModuleStatus,
+    called: Name,
+    family: Family,
+    area: Option<String>,
     points: BTreeMap<Point, PointStatus>,
     /// Where it is published.
     topics: BTreeSet<String>,
@@ -205,7 +214,9 @@ impl Described {
             .filter(|status| topics.has(&status.name))
         {
             let known = Known {
-                status: status.clone(),
+                called: status.called.clone(),
+                family: status.setup.family,
+                area: status.area.clone(),
                 points: BTreeMap::new(),
                 topics: BTreeSet::new(),
             };
@@ -352,14 +363,13 @@ struct Tell<'t> {
 impl Tell<'_> {
     /// What is said of all entities of a module.
     fn shared(&self, known: &Known) -> Map<String, Value> {
-        let status = &known.status;
-        let name = self.discovery.name(&status.called);
+        let name = self.discovery.name(&known.called);
         let mut device = json!({
             "ids": [self.discovery.module(self.module)],
             "name": name.unwrap_or(self.module),
-            "mdl": status.setup.family.to_string(),
+            "mdl": known.family.to_string(),
         });
-        if let Some(area) = &status.area {
+        if let Some(area) = &known.area {
             device["sa"] = area.as_str().into();
         }
         let availability = [
@@ -479,7 +489,7 @@ impl Tell<'_> {
         config.insert("suggested_display_precision".to_owned(), decimals.into());
         if let Some(Range { unit, .. }) = &status.range {
             config.insert("state_class".to_owned(), "measurement".into());
-            let (class, unit) = class(unit);
+            let (class, unit) = home_class(unit);
             if let Some(class) = class {
                 config.insert("device_class".to_owned(), class.into());
             }
@@ -530,23 +540,6 @@ impl Tell<'_> {
         config.insert("unique_id".to_owned(), id.into());
         config.insert("qos".to_owned(), 1.into());
         Entity { kind, key, config }
-    }
-}
-
-/// The class of what has this unit, and the unit as Home Assistant writes it. It refuses a class
-/// with a unit that is none of its own.
-fn class(unit: &str) -> (Option<&'static str>, &str) {
-    match unit {
-        "V" | "mV" => (Some("voltage"), unit),
-        "A" | "mA" => (Some("current"), unit),
-        "℃" => (Some("temperature"), "°C"),
-        "℉" => (Some("temperature"), "°F"),
-        "°C" | "°F" | "K" => (Some("temperature"), unit),
-        "Pa" | "hPa" | "kPa" | "mbar" | "bar" | "psi" => (Some("pressure"), unit),
-        "Hz" | "kHz" => (Some("frequency"), unit),
-        "W" | "kW" => (Some("power"), unit),
-        "lx" => (Some("illuminance"), unit),
-        _ => (None, unit),
     }
 }
 

@@ -7,6 +7,7 @@
 //!   Assistant is told of the modules: `discovery`.
 //! - What is published and when, and which commands are carried out, without I/O: `node`. How a
 //!   command ended: `ends`. In which order they begin: `turns`.
+//! - What it offers, by its settings alone: `offered`.
 //! - What drives it all: `driver`. How the broker is reached: [`super::broker`].
 
 mod discovery;
@@ -14,6 +15,7 @@ mod driver;
 mod ends;
 mod kept;
 mod node;
+mod offered;
 mod orders;
 mod replay;
 mod settings;
@@ -23,11 +25,16 @@ mod turns;
 
 use super::broker::fields;
 use super::kind::{EVENTS, Field, OutletKind, Pair, Shape};
+use super::offered::OfferWay;
 
 /// MQTT, as a client.
 pub(super) static KIND: OutletKind = OutletKind {
     notes: NOTES,
     check: settings::check,
+    offer: |name, settings, site, config| {
+        let offer = offered::offer(name, settings, site, config);
+        Some(OfferWay::Mqtt(offer))
+    },
     ..OutletKind::new(
         "mqtt",
         WORDS,

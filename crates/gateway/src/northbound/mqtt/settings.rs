@@ -28,15 +28,17 @@ pub(super) fn broker(settings: &Keys, site: &str, outlet: &str) -> Broker {
 /// Its topics at this site.
 pub(super) fn topics(settings: &Keys, site: &str) -> Topics {
     let base = text(settings, "base").unwrap_or(BASE);
-    let site = site_of(settings, site);
-    let discovery = form(settings).map(|form| {
-        let prefix = text(settings, "discovery_prefix").unwrap_or(DISCOVERY);
-        let is_zh = text(settings, "discovery_names") == Some("zh");
-        let base = Some(base).filter(|base| *base != BASE);
-        let rights = outlet::rights(settings);
-        Discovery::new(form, prefix, (base, &level(site)), is_zh, rights)
-    });
-    Topics::new(base, site, names(settings, "modules")).with(discovery)
+    let discovery = form(settings).map(|form| described(settings, site, form));
+    Topics::new(base, site_of(settings, site), names(settings, "modules")).with(discovery)
+}
+
+/// How Home Assistant is told of the modules in this form.
+pub(super) fn described(settings: &Keys, site: &str, form: Form) -> Discovery {
+    let prefix = text(settings, "discovery_prefix").unwrap_or(DISCOVERY);
+    let is_zh = text(settings, "discovery_names") == Some("zh");
+    let base = text(settings, "base").filter(|base| *base != BASE);
+    let site = level(site_of(settings, site));
+    Discovery::new(form, prefix, (base, &site), is_zh, outlet::rights(settings))
 }
 
 /// How Home Assistant is told of the modules, if it is.

@@ -293,7 +293,7 @@ async fn numbers_have_units_and_decimals() {
         ("%", (None, "%")),
         ("", (None, "")),
     ] {
-        assert_eq!(class(unit), told, "{unit}");
+        assert_eq!(home_class(unit), told, "{unit}");
     }
     // Without any of the others, this tells Home Assistant that it is a number.
     let text = "[line.main]\nport = \"/dev/ttyS99\"\n[module.gate]\nline = \"main\"\n\
