@@ -9,7 +9,7 @@ use std::io::Read;
 use std::process::Stdio;
 
 /// What works on the demo line, with the exit code.
-const GOOD: [&str; 32] = [
+const GOOD: [&str; 34] = [
     "scan --addr 1-2",
     "ls",
     "ls points",
@@ -31,6 +31,8 @@ const GOOD: [&str; 32] = [
     "bench --time 200ms",
     "export csv",
     "export mbpoll",
+    "export nodered",
+    "export prometheus --rules",
     "config check",
     "config path",
     "serve --check",

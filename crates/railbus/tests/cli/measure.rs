@@ -93,3 +93,53 @@ fn an_export_names_what_it_leaves_out() {
     let oven = format!("oven.k1,oven,k1,0,main,pty:{pty},erc8,3,rtu,9600,8N1,,");
     assert!(lines.any(|line| line == oven), "{csv}");
 }
+
+/// A file for another program is what comes out, and what is to be done besides is said beside it.
+#[test]
+fn an_export_for_a_program_is_its_file() {
+    let site = Site::empty("export-program");
+    let module = "[module.oven]\nline = \"main\"\nmodel = \"erc8\"\naddress = 3\n";
+    let text = format!("[line.main]\nport = \"/dev/railbus-test-nothing\"\n{module}");
+    site.configure(&text);
+    let none = site.run("export ha -o json");
+    assert_eq!(
+        (none.code, &none.error()["code"]),
+        (8, &"E0838".into()),
+        "{none:?}"
+    );
+    let mqtt = |name: &str| format!("[outlet.{name}]\ntype = \"mqtt\"\nsite = \"{name}\"\n");
+    site.configure(&format!("{text}{}{}", mqtt("house"), mqtt("scada")));
+    let two = site.run("export nodered -o json");
+    assert_eq!(
+        (two.code, &two.error()["code"]),
+        (8, &"E0839".into()),
+        "{two:?}"
+    );
+    assert_eq!(
+        two.error()["hint"][0],
+        "railbus export nodered --outlet house"
+    );
+    let home = site.run("export ha --outlet house");
+    assert!(home.out.contains("\n    - name: \"k1\"\n"), "{home:?}");
+    assert!(home.out.contains("railbus/house/oven/k1/state"), "{home:?}");
+    let unknown = site.run("export ha --outlet nosuch -o json");
+    assert_eq!(
+        unknown.error()["known"],
+        serde_json::json!(["house", "scada"]),
+        "{unknown:?}"
+    );
+    let scrape = site.run("export prometheus --url https://gate:7485");
+    assert!(
+        scrape.out.contains("\n          - \"gate:7485\"\n"),
+        "{scrape:?}"
+    );
+    assert!(
+        scrape
+            .err
+            .starts_with("token: railbus token create prometheus"),
+        "{scrape:?}"
+    );
+    assert_eq!(site.run("export prometheus -q").err, "");
+    let wrong = site.run("export prometheus --url gate:7485");
+    assert_eq!(wrong.code, 2, "{wrong:?}");
+}

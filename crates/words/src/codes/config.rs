@@ -201,6 +201,18 @@ codes! {
         next: ["copy it from the client, or: openssl x509 -noout -fingerprint -sha1 -in FILE",
             "从客户端复制，或执行 openssl x509 -noout -fingerprint -sha1 -in 文件"],
     }
+    ExportNoOutlet = "E0838" {
+        title: ["there is no integration that this export can use", "没有此导出可用的集成"],
+        likely: ["none is configured, or it is off · a typing mistake · Modbus TCP with TLS",
+            "未配置或已停用 · 输入错误 · Modbus TCP 使用了 TLS"],
+        next: ["add [outlet.home] with type = \"mqtt\" or \"modbus_tcp\" to the configuration",
+            "在配置中添加 [outlet.home]，type = \"mqtt\" 或 \"modbus_tcp\""],
+    }
+    ExportWhich = "E0839" {
+        title: ["several integrations fit: say which one", "有多个可用的集成：请指定其中一个"],
+        likely: ["more than one of the same kind is configured", "配置了多个同类集成"],
+        next: ["name it: --outlet NAME", "指定名称：--outlet 名称"],
+    }
     NoSetting = "E0840" {
         title: ["the module has no such setting", "模块没有该设置"],
         likely: ["a typing mistake · another model", "输入错误 · 型号不同"],
