@@ -17,13 +17,16 @@ import rig
 import tables
 
 # What must be installed: how to check, and the command that installs it.
-PYTHON = ("pymodbus", "serial", "asyncua")
+PYTHON = ("pymodbus", "serial", "asyncua", "yaml")
 # A host application for Sparkplug; it needs an older paho-mqtt, and so a Python of its own.
 SPARKPLUG = ("target/sparkplug-venv", "pysparkplug==0.6.1", "paho-mqtt==1.6.1")
 PROGRAMS = {
     "gcc": "gcc", "pkg-config": "pkg-config", "mbpoll": "mbpoll", "socat": "socat",
     "mosquitto": "mosquitto", "mosquitto_sub": "mosquitto-clients", "openssl": "openssl",
+    "prometheus": "prometheus",
 }
+# Packages of Node, by their folder: what is there once they are installed.
+NODE = {"interop/node": "node-red", "web": "typescript"}
 
 # Suites in parallel: they mostly wait for a line that is as slow as a real one.
 WORKERS = 12
@@ -35,8 +38,11 @@ def missing():
     """The commands that install what is missing."""
     lines = []
     if not all(importlib.util.find_spec(name) for name in PYTHON):
-        lines.append(f"{sys.executable} -m pip install 'pymodbus==3.*' pyserial asyncua==2.1.0")
+        names = "'pymodbus==3.*' pyserial asyncua==2.1.0 pyyaml"
+        lines.append(f"{sys.executable} -m pip install {names}")
     lines += missing_of_sparkplug()
+    lines += [f"npm ci --prefix {folder}" for folder, package in NODE.items()
+              if not (rig.ROOT / folder / "node_modules" / package).is_dir()]
     # Debian has servers where only root looks for them.
     path = os.pathsep.join([os.environ.get("PATH", ""), "/usr/sbin"])
     packages = [name for program, name in PROGRAMS.items() if not shutil.which(program, path=path)]
@@ -90,6 +96,7 @@ def suites(words):
 def daemons(words):
     """The same for suites with a daemon of their own, which takes a module that the machine does
     not get round to for a silent one: not together with all the others."""
+    import exports_suite
     import modbus_line_suite
     import modbus_rtu_suite
     import modbus_security_suite
@@ -102,7 +109,7 @@ def daemons(words):
 
     return chosen((modbus_tcp_suite, modbus_security_suite, modbus_rtu_suite, modbus_line_suite,
                    mqtt_suite, mqtt_replay_suite, sparkplug_suite, sparkplug_host_suite,
-                   opcua_suite), words)
+                   opcua_suite, exports_suite), words)
 
 
 def alone(words):

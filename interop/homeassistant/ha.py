@@ -66,6 +66,11 @@ class Control:
             },
         }
 
+    async def named(self):
+        """The entities that say who they are, by that, whatever they are from."""
+        entities = entity_registry.async_get(self.hass).entities
+        return {entity.unique_id: entity.entity_id for entity in entities.values()}
+
     async def rename(self, entity, name):
         """Gives an entity another name, as its user does."""
         entity_registry.async_get(self.hass).async_update_entity(entity, name=name)

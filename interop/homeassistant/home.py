@@ -17,6 +17,7 @@ HERE = pathlib.Path(__file__).resolve().parent
 CONFIGURATION = """
 homeassistant:
   time_zone: UTC
+  packages: {packages}
 http:
   server_host: {host}
   server_port: {port}
@@ -24,15 +25,21 @@ http:
 
 
 class Home:
-    """What it was told stays in its folder from start to start."""
+    """What it was told stays in its folder from start to start. `packages` are texts of its
+    configuration, by name."""
 
-    def __init__(self, broker, version):
+    def __init__(self, broker, version, packages=None):
         self.root = install.root(version)
         self.folder = pathlib.Path(tempfile.mkdtemp(prefix="home-", dir=self.root / "tmp"))
         self.held, port = free_port()
         self.process = self.answers = None
         shutil.copy(HERE / "ha.py", self.folder)
-        (self.folder / "configuration.yaml").write_text(CONFIGURATION.format(host=HOST, port=port))
+        packages = packages or {}
+        for name, text in packages.items():
+            (self.folder / f"{name}.yaml").write_text(text, encoding="utf-8")
+        included = "".join(f"\n    {name}: !include {name}.yaml" for name in packages) or "{}"
+        text = CONFIGURATION.format(host=HOST, port=port, packages=included)
+        (self.folder / "configuration.yaml").write_text(text)
         entry = {
             "entry_id": "broker", "domain": "mqtt", "title": "broker", "source": "user",
             "version": 1, "minor_version": 1, "unique_id": None, "disabled_by": None,

@@ -1,6 +1,7 @@
 """Home Assistant in a Debian of its own, below cargo's target folder, since each version needs a
 Python of its own. Installed once, kept between runs, and removed with the target folder."""
 
+import json
 import os
 import pathlib
 import shutil
@@ -15,11 +16,16 @@ SUITES = {"2026.2.3": "trixie", "2024.3.3": "bookworm"}
 # What it does not name as a dependency and does not start without. The old one names less.
 ALSO = ("home-assistant-frontend", "paho-mqtt", "fnv-hash-fast", "janus", "pillow",
         "psutil-home-assistant", "securetar", "sqlalchemy")
+# Integrations that have requirements of their own.
+NEEDED = ("modbus",)
 # The compiler is for packages that have no wheel.
 DEBIAN = ("python3", "python3-venv", "python3-dev", "gcc", "libc6-dev")
 # What root needs of this machine to reach a package index, where it is there.
 SHARED = ("/etc/resolv.conf", "/etc/hosts", "/etc/pip.conf", "/etc/ssl/certs/ca-certificates.crt")
 PYTHON = "/venv/bin/python"
+SITE = "venv/lib/python*/site-packages"
+# What these integrations require: an earlier run may have installed without it.
+THERE = ("pymodbus",)
 
 
 def root(version):
@@ -37,6 +43,8 @@ def root(version):
         debian(unfinished, SUITES[version])
         packages(unfinished, version)
         unfinished.rename(place)
+    elif not all(list(place.glob(f"{SITE}/{name}")) for name in THERE):
+        packages(place, version)
     return place
 
 
@@ -94,5 +102,8 @@ def packages(place, version):
     run("python3", "-m", "venv", "/venv")
     itself = f"homeassistant=={version}"
     pip("--no-deps", itself)
-    [pins] = place.glob("venv/lib/python*/site-packages/homeassistant/package_constraints.txt")
-    pip("--constraint", f"/{pins.relative_to(place)}", itself, *ALSO)
+    [there] = place.glob(f"{SITE}/homeassistant")
+    manifests = [there / f"components/{name}/manifest.json" for name in NEEDED]
+    needs = [each for file in manifests for each in json.loads(file.read_text())["requirements"]]
+    pins = there / "package_constraints.txt"
+    pip("--constraint", f"/{pins.relative_to(place)}", itself, *ALSO, *needs)

@@ -8,6 +8,7 @@ Home Assistant needs a Debian of its own, which `install.py` makes.
 import pathlib
 import re
 import signal
+import subprocess
 import sys
 import time
 
@@ -19,7 +20,7 @@ import tables
 from home import Home
 from judge import daemon
 from modbus_tcp import until
-from mqtt import Broker, Plant, Watcher
+from mqtt import Broker, Plant, Watcher, free_port
 
 tables.TABLES["Home Assistant"] = """
 {device,component,component for an old one}: {devices,entities,units and classes,values}
@@ -36,6 +37,8 @@ a module removed: no ghost
 another form: {the same entities,nothing of the other is left}
 discovery off: nothing is left
 the outlet removed: nothing is left
+exported for {a new one,an old one}, over {MQTT,Modbus}: {entities,values,switched,a dead module}
+exported for {a new one,an old one}: complains of nothing
 {a new one,an old one} complains of nothing
 """
 
@@ -55,6 +58,65 @@ VALUES = {"tank.ai1": "8.71", "tank.ai2": "2.50", "hall.di0": "on", "hall.di1": 
 USUAL = ("[homeassistant.bootstrap]", "[homeassistant.setup]", "[aiohttp_fast_zlib]",
          "Error returned from MQTT server", "Failed to connect to MQTT server",
          "No device components to cleanup for railbus_plant_")
+
+
+# How it says that a module does not answer over Modbus.
+OVER_MODBUS = ("pymodbus returned isError True",)
+
+
+class Exported(Plant):
+    """The plant with a Modbus TCP server beside MQTT, and what is exported of it."""
+
+    def __init__(self, broker, tally):
+        self.held, self.port = free_port()
+        super().__init__(broker, "5", tally=tally, write=["*"])
+
+    def __exit__(self, *words):
+        super().__exit__(*words)
+        self.held.close()
+
+    def text(self, **settings):
+        """The configuration."""
+        plc = f'\n[outlet.plc]\ntype = "modbus_tcp"\nlisten = "127.0.0.1:{self.port}"\n'
+        return super().text(**settings) + plc + 'write = ["*"]\n'
+
+    def packages(self):
+        """The exports, by outlet."""
+        export = lambda outlet: subprocess.run(
+            [daemon.program(), "export", "ha", "--config", self.daemon.config, "--outlet", outlet],
+            check=True, capture_output=True, text=True).stdout
+        return {outlet: export(outlet) for outlet in ("scada", "plc")}
+
+    def judged(self, home, entry, prefix):
+        """The entities over one way: they are there, show what is so, and switch."""
+        entity = lambda point: home.ask("named").get(prefix + point.replace(".", "_"))
+        state = lambda point: home.ask("states").get(entity(point), {}).get("state")
+        points = ["oven.k1", "oven.k8", "hall.di0", "hall.do3", "tank.ai1", "tank.ai2", "tank.k2"]
+        missing = lambda: [point for point in points if not entity(point)]
+        until(lambda: not missing())
+        self.check(f"{entry}: entities", missing(), [])
+        sensor = home.ask("states").get(entity("tank.ai1"), {})
+        got = tuple(sensor.get(key) for key in ("unit_of_measurement", "device_class"))
+        self.check(f"{entry}: entities", got, ("V", "voltage"), "ai1")
+
+        def shows(what, point, want, why=""):
+            until(lambda: state(point) == want)
+            self.check(f"{entry}: {what}", state(point), want, f"{point} {why}")
+
+        for point, want in {"tank.ai1": "8.71", "hall.di0": "on", "hall.di1": "off",
+                            "oven.k1": "off"}.items():
+            shows("values", point, want)
+        for way, bit in (("on", 1), ("off", 0)):
+            home.ask("call", service=f"switch.turn_{way}", entity=entity("oven.k1"))
+            shows("switched", "oven.k1", way)
+            self.check(f"{entry}: switched", self.sim.outputs("oven")[0], bit, "the relay")
+        self.sim.do("power oven off")
+        shows("a dead module", "oven.k1", "unavailable")
+        home.ask("call", service="switch.turn_on", entity=entity("oven.k1"))
+        shows("a dead module", "oven.k1", "unavailable", "turned on")
+        self.check(f"{entry}: a dead module", state("hall.di0"), "on", "another one")
+        self.sim.do("power oven on")
+        shows("a dead module", "oven.k1", "off", "with power")
 
 
 class House(Plant):
@@ -400,6 +462,29 @@ def old(s):
     complains(s, "an old one")
 
 
+def exported(tally, version, who):
+    """What `railbus export ha` writes, over MQTT and over Modbus, in one Home Assistant."""
+    began = time.monotonic()
+    broker = Broker()
+    try:
+        with Exported(broker, tally) as s:
+            s.settled()
+            home = Home(broker, version, s.packages())
+            try:
+                home.start()
+                for way, prefix in (("MQTT", PREFIX), ("Modbus", "railbus_plc_")):
+                    s.judged(home, f"exported for {who}, over {way}", prefix)
+                complaints = [line for line in home.said().splitlines()
+                              if (" WARNING " in line or " ERROR " in line)
+                              and not any(usual in line for usual in (*USUAL, *OVER_MODBUS))]
+                s.check(f"exported for {who}: complains of nothing", complaints, [])
+            finally:
+                home.close()
+    finally:
+        broker.close()
+    print(f"Home Assistant {version}, exported: {time.monotonic() - began:.0f} s", flush=True)
+
+
 def run(tally, version, discovery, cases):
     """Runs these cases with this Home Assistant."""
     began = time.monotonic()
@@ -424,6 +509,8 @@ def main():
     try:
         run(tally, "2026.2.3", "device", new)
         run(tally, "2024.3.3", "component", old)
+        exported(tally, "2026.2.3", "a new one")
+        exported(tally, "2024.3.3", "an old one")
     except rig.GivenUp as given_up:
         print(given_up)
     for failure in tally.failures:

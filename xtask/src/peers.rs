@@ -8,6 +8,10 @@ use std::path::{Path, PathBuf};
 
 use crate::firmware;
 use crate::run::{self, Error, Result};
+use crate::web;
+
+/// Node-RED, and Grafana's types: programs by others that take what railbus exports.
+const NODE: &str = "interop/node";
 
 /// Debian packages that belong together.
 struct Packages {
@@ -28,6 +32,7 @@ const DEBIAN: &[Packages] = &[
             "mosquitto-clients", // and its clients
             "openssl",           // certificates of that broker
             "pkg-config",        // finds libmodbus
+            "prometheus",        // takes our metrics, and what we export for it
             "python3-venv",      // holds the Python peers below
             "qemu-system-arm",   // runs the firmware
             "socat",             // pairs of pseudo terminals
@@ -65,6 +70,8 @@ const PEERS: Venv = Venv {
         ("pyserial", "pyserial", ""),
         // An OPC UA client.
         ("asyncua==2.1.0", "asyncua", "2.1.0"),
+        // Reads what is exported as YAML.
+        ("pyyaml", "PyYAML", ""),
         // Parses `/metrics`.
         ("prometheus-client>=0.20", "prometheus_client", ""),
         // Sends the API what its document allows, and what it does not.
@@ -96,7 +103,8 @@ pub(crate) fn python(root: &Path) -> PathBuf {
 pub(crate) fn install(root: &Path) -> Result<()> {
     debian(root)?;
     python_packages(root, &PEERS)?;
-    python_packages(root, &SPARKPLUG)
+    python_packages(root, &SPARKPLUG)?;
+    web::packages(root, NODE)
 }
 
 fn debian(root: &Path) -> Result<()> {
@@ -228,7 +236,8 @@ mod tests {
 
     #[test]
     fn an_old_python_peer_is_not_enough() {
-        let others = "prometheus_client==0.26.0\nschemathesis==4.32.5\n";
+        let others = "PyYAML==6.0.4\nasyncua==2.1.0\nprometheus_client==0.26.0\n\
+                      schemathesis==4.32.5\n";
         let all = |old: &str| complete(&PEERS, &format!("{old}pyserial==3.5\n{others}"));
         assert!(all("pip==23.0\npymodbus==3.16.1\n"));
         assert!(!all("pymodbus==2.5.3\n"));

