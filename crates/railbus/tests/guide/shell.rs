@@ -1,9 +1,8 @@
 //! The reader's shell: its own folder, the program in the path.
 //!
 //! Where a page has `/tmp/`, a reader's files are; here that is the folder, and [`ADDRESS`],
-//! [`MODBUS_PORT`], [`MQTT_PORT`] and [`OPCUA_PORT`] are replaced by free ports, so that pages
-//! tested
-//! at the same time do not collide.
+//! [`MODBUS_PORT`], [`MQTT_PORT`] and [`OPCUA_PORT`] are replaced by free ports: pages tested at
+//! the same time do not collide.
 
 use crate::websocket::Client;
 use std::io::{BufRead, BufReader};
