@@ -225,6 +225,9 @@ def rights(s):
         s.check("rights: points", wang.call("oven", "Toggle", "k2")[0], "BadUserAccessDenied", "k2")
         s.check("rights: points", wang.call("oven", "AllOff")[0], "BadUserAccessDenied", "AllOff")
         s.check("rights: points", wang.write("oven.k1", False), GOOD, "his own")
+        level = wang.read("oven.k1", ua.AttributeIds.UserAccessLevel)[1] & 2
+        other = wang.read("oven.k2", ua.AttributeIds.UserAccessLevel)[1] & 2
+        s.check("rights: points", (level, other), (2, 0), "what he is told that he may write")
     token = s.ask("POST", "/tokens", {"name": "grafana", "role": "viewer"})["token"]
     for kind, how in (("role", {"user": "guest"}), ("nobody", {"user": None}),
                       ("token", {"user": "any", "password": token})):

@@ -25,7 +25,7 @@ use opcua::types::{
     AttributeId, DataValue, DiagnosticBits, DiagnosticInfo, Identifier, NodeId, StatusCode,
     TimestampsToReturn, Variant,
 };
-use railbus_site::{News, Service, Within};
+use railbus_site::{Config, News, Service, Within};
 use railbus_store::audit::Origin;
 use railbus_words::Lang;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -213,10 +213,9 @@ impl SiteManager {
     /// Carries out the writes to one module, one after the other.
     async fn carry_out(
         shared: Arc<Shared>,
-        service: Service,
+        (service, since): (Service, Arc<Config>),
         writes: Vec<ModuleWrite>,
     ) -> Vec<(Vec<usize>, OrderEnd)> {
-        let since = Arc::clone(shared.known().config());
         let mut ends = Vec::new();
         for write in writes {
             let Ok(_turn) = Arc::clone(&shared.commands).try_acquire_owned() else {
@@ -367,21 +366,27 @@ impl InMemoryNodeManagerImpl for SiteManager {
             return Err(StatusCode::BadUserAccessDenied);
         };
         let mut outputs = Vec::new();
-        for (place, node) in nodes.iter_mut().enumerate() {
-            let name = self.name(&node.value().node_id);
-            match orders::asked(&self.shared.known(), &user, name, node.value()) {
-                Ok(output) => outputs.push((place, output)),
-                Err(status) => node.set_status(status),
+        // What the names stand for now is what is meant, also where a reload comes between.
+        let since = {
+            let known = self.shared.known();
+            for (place, node) in nodes.iter_mut().enumerate() {
+                let name = self.name(&node.value().node_id);
+                match orders::asked(&known, &user, name, node.value()) {
+                    Ok(output) => outputs.push((place, output)),
+                    Err(status) => node.set_status(status),
+                }
             }
-        }
+            Arc::clone(known.config())
+        };
         if outputs.is_empty() {
             return Ok(());
         }
         // What is begun goes on also where the client goes.
         let mut commands = JoinSet::new();
         for writes in orders::commands(outputs) {
+            let (shared, since) = (Arc::clone(&self.shared), Arc::clone(&since));
             let service = self.shared.service_of(&user);
-            commands.spawn(Self::carry_out(Arc::clone(&self.shared), service, writes));
+            commands.spawn(Self::carry_out(shared, (service, since), writes));
         }
         let ends = commands.join_all().await;
         self.shared.synced().await;

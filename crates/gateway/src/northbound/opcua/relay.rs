@@ -13,10 +13,15 @@ const LEN: usize = 16 * 1024;
 /// A side that takes nothing for so long is gone.
 const STUCK_MAX: Duration = Duration::from_secs(10);
 
+/// After so many bytes of a client it is looked at what it has left behind.
+const LOOK_EVERY: usize = 64 * 1024;
+
 /// One direction: what was read and not yet written.
 #[derive(Debug, Default)]
 struct Flow {
     bytes: Vec<u8>,
+    /// How much was read.
+    count: usize,
     /// Until when some of it must go.
     by: Option<Instant>,
 }
@@ -41,7 +46,8 @@ impl Flow {
         self.bytes.reserve(LEN);
         match from.take(LEN as u64).read_buf(&mut self.bytes).await? {
             0 => Err(io::ErrorKind::UnexpectedEof.into()),
-            _ => {
+            count => {
+                self.count = self.count.saturating_add(count);
                 self.by = Some(Instant::now() + STUCK_MAX);
                 Ok(())
             }
@@ -58,13 +64,15 @@ impl Flow {
     }
 }
 
-/// Relays until one side closes, or takes nothing any more.
+/// Relays until one side closes, or takes nothing any more. `look` is called now and then while a
+/// client sends.
 ///
 /// # Errors
 /// Always: why it ended.
 pub(super) async fn relay<R, W>(
     (mut client_in, mut client_out): (R, W),
     (mut server_in, mut server_out): (R, W),
+    mut look: impl FnMut(),
 ) -> io::Result<()>
 where
     R: AsyncRead + Unpin,
@@ -72,6 +80,10 @@ where
 {
     let (mut asked, mut answered) = (Flow::default(), Flow::default());
     loop {
+        if asked.count >= LOOK_EVERY {
+            asked.count = 0;
+            look();
+        }
         // While it owes us, a client is not read: its answers would pile up.
         let is_paid = answered.bytes.is_empty();
         let by = asked.by.into_iter().chain(answered.by).min();

@@ -127,14 +127,15 @@ async fn admit(door: Rc<Door>, stream: TcpStream) {
         let _ = server.set_nodelay(true);
         door.outlet.report.worked();
         // It is closed for whatever reason.
-        let _ = relay(stream.into_split(), server.into_split()).await;
+        let look = || door.tell();
+        let _ = relay(stream.into_split(), server.into_split(), look).await;
     }
     door.tell();
 }
 
 impl Door {
-    /// The last client whose certificate is not trusted is to be seen. There is no event: anybody
-    /// could make many.
+    /// The last client whose certificate is not trusted is to be seen, and the certificates that
+    /// clients leave behind do not grow. There is no event: anybody could make many.
     fn tell(&self) {
         let unknown = self.turned_away.unknown();
         let Some(newest) = unknown.last() else {
