@@ -57,6 +57,10 @@ pub(crate) fn asked(
     if write.index_range != NumericRange::None {
         return Err(StatusCode::BadIndexRangeNoData);
     }
+    // Nobody switches anything with a value that is said to be none.
+    if write.value.status.is_some_and(|status| !status.is_good()) {
+        return Err(StatusCode::BadWriteNotSupported);
+    }
     match write.value.value {
         Some(Variant::Boolean(on)) => Ok(AskedOutput {
             module: status.module.clone(),
@@ -287,6 +291,21 @@ mod tests {
             let write = write(AttributeId::Value, value);
             let end = ask(&all, Some("oven.k1"), &write);
             assert_eq!(end, Err(StatusCode::BadTypeMismatch), "{write:?}");
+        }
+        let mut doubtful = write(AttributeId::Value, Some(true.into()));
+        for (status, end) in [
+            (StatusCode::Good, Ok(true)),
+            (
+                StatusCode::UncertainLastUsableValue,
+                Err(StatusCode::BadWriteNotSupported),
+            ),
+            (
+                StatusCode::BadNoCommunication,
+                Err(StatusCode::BadWriteNotSupported),
+            ),
+        ] {
+            doubtful.value.status = Some(status);
+            assert_eq!(ask(&all, Some("oven.k1"), &doubtful), end, "{status}");
         }
         let name = write(AttributeId::DisplayName, Some(true.into()));
         assert_eq!(
