@@ -359,7 +359,7 @@ impl InMemoryNodeManagerImpl for SiteManager {
     async fn write(
         &self,
         context: &RequestContext,
-        _: &RwLock<AddressSpace>,
+        space: &RwLock<AddressSpace>,
         nodes: &mut [&mut WriteNode],
     ) -> Result<(), StatusCode> {
         let Some(user) = self.shared.user(context) else {
@@ -368,8 +368,12 @@ impl InMemoryNodeManagerImpl for SiteManager {
         let mut outputs = Vec::new();
         // What the names stand for now is what is meant, also where a reload comes between.
         let since = {
-            let known = self.shared.known();
+            let (space, known) = (space.read(), self.shared.known());
             for (place, node) in nodes.iter_mut().enumerate() {
+                if !space.node_exists(&node.value().node_id) {
+                    node.set_status(StatusCode::BadNodeIdUnknown);
+                    continue;
+                }
                 let name = self.name(&node.value().node_id);
                 match orders::asked(&known, &user, name, node.value()) {
                     Ok(output) => outputs.push((place, output)),
