@@ -2,12 +2,14 @@
 //!
 //! The library compares only values where a client sets no filter: that a value has become stale
 //! would never be told. Such an item gets no value while it is not good, so that the change is one
-//! of the value too. And where an item has a sampling interval, a value that comes early is told
-//! later with a time that is not that of its reading: an item gets values with their times only
-//! where the interval could be set to none.
+//! of the value too; and another status without a value is another way to have none.
+//!
+//! Where an item has a sampling interval, a value that comes early is told later with a time that
+//! is not that of its reading: an item gets values with their times only where the interval could
+//! be set to none.
 
 use opcua::server::{CreateMonitoredItem, MonitoredItemHandle};
-use opcua::types::{DataValue, DateTime, StatusCode};
+use opcua::types::{DataValue, DateTime, StatusCode, Variant};
 use std::collections::HashMap;
 
 /// The interval that the library takes for none, in milliseconds. It can't be set to 0.
@@ -22,6 +24,9 @@ struct ItemNeeds {
     keeps_time: bool,
     /// The time that was told last.
     last: Option<DateTime>,
+    /// The status that was told last, and which of the two ways to have no value it took.
+    status: Option<StatusCode>,
+    is_empty: bool,
 }
 
 /// Whether a client has set what it wants to be told of. The type has no name outside of the
@@ -42,6 +47,8 @@ impl Items {
             sees_status: has_filter(item),
             keeps_time: item.sampling_interval() == AT_ONCE,
             last: None,
+            status: None,
+            is_empty: false,
         };
         self.0.insert(item.handle(), needs);
         let value = self.shaped(item.handle(), value);
@@ -75,8 +82,11 @@ impl Items {
         };
         let is_good = value.status.is_none_or(|status| status.is_good());
         if !needs.sees_status && !is_good {
-            value.value = None;
+            // A client sees no difference; the library does.
+            needs.is_empty ^= value.status != needs.status;
+            value.value = needs.is_empty.then_some(Variant::Empty);
         }
+        needs.status = value.status;
         // An earlier time than the last one, after the clock was set back, would be held up too.
         let is_later = match (needs.last, value.source_timestamp) {
             (Some(last), Some(time)) => time >= last,
@@ -93,7 +103,6 @@ impl Items {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use opcua::types::Variant;
 
     const HANDLE: MonitoredItemHandle = MonitoredItemHandle {
         subscription_id: 1,
@@ -105,6 +114,8 @@ mod tests {
             sees_status,
             keeps_time,
             last: None,
+            status: None,
+            is_empty: false,
         };
         Items(HashMap::from([(HANDLE, needs)]))
     }
@@ -128,11 +139,30 @@ mod tests {
     fn an_item_that_is_not_told_of_a_status_gets_no_value_that_is_not_good() {
         let told = |sees_status, status| {
             let mut items = items(sees_status, true);
-            items.shaped(HANDLE, value(status, 7)).value.is_some()
+            items.shaped(HANDLE, value(status, 7)).value
         };
-        assert!(told(true, StatusCode::Good) && told(true, STALE));
-        assert!(told(false, StatusCode::Good));
-        assert!(!told(false, STALE));
+        let on = Some(Variant::Boolean(true));
+        assert_eq!(
+            (told(true, StatusCode::Good), told(true, STALE)),
+            (on.clone(), on.clone())
+        );
+        assert_eq!(told(false, StatusCode::Good), on);
+        assert_eq!(
+            told(false, STALE).filter(|value| *value != Variant::Empty),
+            None
+        );
+    }
+
+    #[test]
+    fn another_status_without_a_value_is_another_value_to_the_library() {
+        let mut items = items(false, true);
+        let mut told = |status| items.shaped(HANDLE, value(status, 7)).value;
+        let stale = told(STALE);
+        assert_eq!(told(STALE), stale, "nothing has changed");
+        let offline = told(StatusCode::BadNoCommunication);
+        assert_ne!(offline, stale);
+        assert_ne!(told(StatusCode::BadConfigurationError), offline);
+        assert_eq!(told(StatusCode::Good), Some(Variant::Boolean(true)));
     }
 
     #[test]
@@ -153,7 +183,8 @@ mod tests {
         let mut items = items(true, true);
         items.modified(HANDLE);
         let told = items.shaped(HANDLE, value(STALE, 20));
-        assert_eq!((told.value, told.source_timestamp), (None, None));
+        assert_eq!(told.value.filter(|value| *value != Variant::Empty), None);
+        assert_eq!(told.source_timestamp, None);
         items.deleted(HANDLE);
         assert_eq!(
             items.shaped(HANDLE, value(STALE, 20)).source_timestamp,
