@@ -215,12 +215,17 @@ impl KnownSite {
             }
             Named::RoundTrip(module) => {
                 let module = self.modules.get(module)?;
-                Some(match module.rtt {
+                // Of a module that does not answer there is none now.
+                let is_online = module.presence == Presence::Online;
+                Some(match module.rtt.filter(|_| is_online) {
                     #[expect(clippy::cast_precision_loss, reason = "a round trip is short")]
                     Some(rtt) => plain((rtt.0 as f64 / 1_000.0).into()),
                     None => DataValue {
                         value: None,
-                        status: Some(StatusCode::BadWaitingForInitialData),
+                        status: Some(match module.presence {
+                            Presence::Silent => StatusCode::BadNoCommunication,
+                            _ => StatusCode::BadWaitingForInitialData,
+                        }),
                         server_timestamp: Some(now),
                         ..DataValue::default()
                     },
@@ -329,6 +334,7 @@ pub(crate) fn is_output(point: Point) -> bool {
 mod tests {
     use super::*;
     use railbus_site::{BadReason, Service};
+    use railbus_wire::Micros;
 
     const SITE: &str = "[line.main]\nport = \"/dev/ttyS99\"\n[module.line]\nline = \"main\"\n\
         model = \"erc8\"\naddress = 3\n[module.tank]\nline = \"main\"\nmodel = \"emd2a2q\"\n\
@@ -386,6 +392,19 @@ mod tests {
         assert_eq!(said(PointQuality::Stale), (on, stale, then));
         let bad = said(PointQuality::Bad(BadReason::Offline));
         assert_eq!(bad, (None, StatusCode::BadNoCommunication, None));
+    }
+
+    #[tokio::test]
+    async fn a_module_that_does_not_answer_has_no_round_trip() {
+        let (mut known, _) = told(&[]);
+        let module = known.modules.get_mut("tank").unwrap();
+        (module.presence, module.rtt) = (Presence::Online, Some(Micros(42_500)));
+        let trip = |known: &KnownSite| known.value("tank/RoundTrip", |_| None).unwrap();
+        assert_eq!(trip(&known).value, Some(Variant::Double(42.5)));
+        known.modules.get_mut("tank").unwrap().presence = Presence::Silent;
+        let silent = trip(&known);
+        let said = (silent.value, silent.status);
+        assert_eq!(said, (None, Some(StatusCode::BadNoCommunication)));
     }
 
     #[tokio::test]
