@@ -17,8 +17,10 @@ use railbus_words::Lang;
 
 /// The namespace of our nodes.
 pub(crate) const NAMESPACE: &str = "urn:railbus:site";
-/// The node under which all others are.
+/// What the node under which all others are is called in paths, and the last part of its ID: no
+/// module has such a name.
 const ROOT: &str = "railbus";
+const ROOT_ID: &str = "/railbus";
 /// What a client that waits for a change of a point is told of how often it can change, in ms.
 const FASTEST_MS: f64 = 0.0;
 
@@ -36,7 +38,7 @@ pub(crate) struct SpaceMaker<'s> {
 impl SpaceMaker<'_> {
     /// Makes the nodes of a site.
     pub(crate) fn site(&mut self, known: &KnownSite, called: &str) {
-        let root = self.id(ROOT);
+        let root = self.id(ROOT_ID);
         let name = self.name(ROOT);
         ObjectBuilder::new(&root, name, self.text(called))
             .is_folder()
@@ -259,5 +261,40 @@ fn argument(name: &str, of_type: DataTypeId, about: &str) -> Argument {
         value_rank: -1,
         array_dimensions: None,
         description: LocalizedText::new("en", about),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use railbus_site::{Config, Service};
+
+    const SITE: &str = "[line.main]\nport = \"/dev/ttyS99\"\n[module.railbus]\nline = \"main\"\n\
+        model = \"erc8\"\naddress = 3\n[module.line]\nline = \"main\"\nmodel = \"emd2a2q\"\n\
+        address = 5\n";
+
+    #[tokio::test]
+    async fn every_node_is_one_of_its_own() {
+        let service = Service::start(Config::parse(SITE).unwrap()).unwrap();
+        let mut known = KnownSite::new(Vec::new());
+        known.take(&service.follow().next_now().unwrap());
+        let mut space = AddressSpace::new();
+        space.add_namespace(NAMESPACE, 2);
+        let mut maker = SpaceMaker {
+            space: &mut space,
+            namespace: 2,
+            lang: Lang::En,
+            has_history: false,
+            made: Vec::new(),
+        };
+        maker.site(&known, "plant");
+        let made = maker.made;
+        let ids: std::collections::HashSet<_> = made.iter().collect();
+        assert_eq!(
+            ids.len(),
+            made.len(),
+            "a module may be called like another node"
+        );
+        assert!(ids.contains(&node_id(2, "railbus")) && ids.contains(&node_id(2, ROOT_ID)));
     }
 }
