@@ -9,7 +9,7 @@ use opcua::server::address_space::{
 use opcua::types::argument::Argument;
 use opcua::types::{
     DataTypeId, ExtensionObject, LocalizedText, NodeId, ObjectId, ObjectTypeId, QualifiedName,
-    Range, VariableTypeId, Variant,
+    Range, VariableTypeId, Variant, WriteMask,
 };
 use railbus_device::{Point, PointKind};
 use railbus_site::{ModuleStatus, PointStatus};
@@ -58,6 +58,14 @@ impl SpaceMaker<'_> {
                 for point in known.points(&module.name) {
                     self.point(point);
                 }
+            }
+        }
+        for id in &self.made {
+            if let Some(node) = self.space.find_mut(id) {
+                // Of a node itself nothing can be written, and it has to say so.
+                let node = node.as_mut_node();
+                node.set_write_mask(WriteMask::empty());
+                node.set_user_write_mask(WriteMask::empty());
             }
         }
     }
@@ -274,7 +282,7 @@ mod tests {
         address = 5\n";
 
     #[tokio::test]
-    async fn every_node_is_one_of_its_own() {
+    async fn every_node_is_one_of_its_own_and_says_that_it_stays_as_it_is() {
         let service = Service::start(Config::parse(SITE).unwrap()).unwrap();
         let mut known = KnownSite::new(Vec::new());
         known.take(&service.follow().next_now().unwrap());
@@ -296,5 +304,11 @@ mod tests {
             "a module may be called like another node"
         );
         assert!(ids.contains(&node_id(2, "railbus")) && ids.contains(&node_id(2, ROOT_ID)));
+        for id in &made {
+            let node = space.find(id).unwrap().as_node();
+            let masks = [node.write_mask(), node.user_write_mask()];
+            let masks = masks.map(|mask| mask.map(|mask| mask.bits()));
+            assert_eq!(masks, [Some(0), Some(0)], "{id}");
+        }
     }
 }
