@@ -3,10 +3,13 @@
 use async_trait::async_trait;
 use opcua::crypto::SecurityPolicy;
 use opcua::server::ServerEndpoint;
+use opcua::server::address_space::AccessLevel;
 use opcua::server::authenticator::{
     AuthManager, Password, UserToken, user_pass_security_policy_id,
 };
-use opcua::types::{Error, StatusCode, UAString, UserTokenPolicy, UserTokenType};
+use opcua::types::{
+    Error, Identifier, NodeId, StatusCode, UAString, UserTokenPolicy, UserTokenType,
+};
 use railbus_site::Rights;
 use std::future::Future;
 use std::pin::Pin;
@@ -63,6 +66,31 @@ impl AuthManager for Login {
         signed_in.await.map(UserToken).ok_or_else(refused)
     }
 
+    fn effective_user_access_level(
+        &self,
+        token: &UserToken,
+        level: AccessLevel,
+        node: &NodeId,
+    ) -> AccessLevel {
+        let may_switch = || {
+            let Identifier::String(path) = &node.identifier else {
+                return None;
+            };
+            let (module, label) = path.as_ref().split_once('.')?;
+            let user = self.users.user(&token.0)?;
+            user.rights.may_switch(module, label).ok()
+        };
+        match level.contains(AccessLevel::CURRENT_WRITE) && may_switch().is_none() {
+            true => level.difference(AccessLevel::CURRENT_WRITE),
+            false => level,
+        }
+    }
+
+    fn is_user_executable(&self, token: &UserToken, _: &NodeId) -> bool {
+        let user = self.users.user(&token.0);
+        user.is_some_and(|user| user.rights.may_command().is_ok())
+    }
+
     fn user_token_policies(&self, endpoint: &ServerEndpoint) -> Vec<UserTokenPolicy> {
         let policy = |policy_id, token_type| UserTokenPolicy {
             policy_id,
@@ -114,3 +142,59 @@ pub(crate) fn endpoints(is_for_here: bool) -> Vec<(&'static str, ServerEndpoint)
 
 /// The path of all endpoints.
 const PATH: &str = "/";
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use railbus_site::Role;
+
+    /// Whose identity is the name of its role; limited to one output.
+    struct Roles;
+
+    impl OpcuaUsers for Roles {
+        fn sign_in<'a>(&'a self, _: &'a str, _: String) -> SignIn<'a> {
+            Box::pin(async { None })
+        }
+
+        fn user(&self, identity: &str) -> Option<OpcuaUser> {
+            let role = match identity {
+                "operator" => Role::Operator,
+                "viewer" => Role::Viewer,
+                _ => return None,
+            };
+            Some(OpcuaUser {
+                name: identity.to_owned(),
+                rights: Rights {
+                    role,
+                    points: Arc::new(["oven.k1".to_owned()]),
+                },
+            })
+        }
+    }
+
+    #[test]
+    fn each_user_sees_what_it_may_switch() {
+        let login = Login {
+            users: Arc::new(Roles),
+            allows_anonymous: false,
+        };
+        let all = AccessLevel::CURRENT_READ | AccessLevel::CURRENT_WRITE;
+        for (identity, output, may_write) in [
+            ("operator", "oven.k1", true),
+            ("operator", "oven.k2", false),
+            ("viewer", "oven.k1", false),
+            ("nobody", "oven.k1", false),
+        ] {
+            let (token, node) = (UserToken(identity.to_owned()), NodeId::new(2, output));
+            let level = login.effective_user_access_level(&token, all, &node);
+            let expected = match may_write {
+                true => all,
+                false => AccessLevel::CURRENT_READ,
+            };
+            assert_eq!(level.bits(), expected.bits(), "{identity}, {output}");
+            let method = NodeId::new(2, "oven/Pulse");
+            let may_call = login.is_user_executable(&token, &method);
+            assert_eq!(may_call, identity == "operator", "{identity}");
+        }
+    }
+}
