@@ -246,6 +246,9 @@ impl SiteManager {
         };
         let order: MethodOrder = match orders::order(method, call.arguments()) {
             Ok(order) => order,
+            Err(why) if why.is_empty() => {
+                return CallEnd::Ended(OrderEnd::refused(StatusCode::BadArgumentsMissing));
+            }
             Err(why) => return CallEnd::WrongArguments(why),
         };
         let Ok(_turn) = Arc::clone(&self.shared.commands).try_acquire_owned() else {
