@@ -33,7 +33,7 @@ pub(crate) fn span(details: &ReadRawModifiedDetails) -> Result<HistorySpan, Stat
         0 => None,
         count => Some(usize::try_from(count).unwrap_or(usize::MAX)),
     };
-    let of = |at: &DateTime| (!at.is_null()).then(|| to_millis(at));
+    let of = |at: &DateTime| (!at.is_null()).then_some(*at);
     let span = |from, to, is_reverse| HistorySpan {
         from,
         to,
@@ -41,18 +41,26 @@ pub(crate) fn span(details: &ReadRawModifiedDetails) -> Result<HistorySpan, Stat
         most,
     };
     Ok(match (of(&details.start_time), of(&details.end_time)) {
-        // The end is not part of it, in either direction.
-        (Some(from), Some(to)) if from <= to => span(from, to.max(from + 1), false),
-        (Some(from), Some(to)) => span(to + 1, from + 1, true),
-        (Some(from), None) if most.is_some() => span(from, i64::MAX, false),
-        (None, Some(to)) if most.is_some() => span(i64::MIN, to, true),
+        // The end is not part of it, in either direction. A start alone is one, and so is an end.
+        (Some(from), Some(to)) if from == to => span(since(from), since(from) + 1, false),
+        (Some(from), Some(to)) if from < to => span(since(from), since(to), false),
+        (Some(from), Some(to)) => span(after(to), after(from), true),
+        (Some(from), None) if most.is_some() => span(since(from), i64::MAX, false),
+        (None, Some(to)) if most.is_some() => span(i64::MIN, after(to), true),
         _ => return Err(StatusCode::BadInvalidArgument),
     })
 }
 
-/// Milliseconds since 1970. The times of the history have no more digits.
-fn to_millis(at: &DateTime) -> i64 {
-    at.as_chrono().timestamp_millis()
+/// Milliseconds since 1970: the first that are not before this time. Those of the history have no
+/// more digits; a client that goes on from just after a value must not get it again.
+fn since(time: DateTime) -> i64 {
+    let millis = time.as_chrono().timestamp_millis();
+    millis + i64::from(at(millis) < time)
+}
+
+/// The first that are after this time.
+fn after(time: DateTime) -> i64 {
+    time.as_chrono().timestamp_millis() + 1
 }
 
 /// Reads the values of a point for a client.
@@ -111,27 +119,28 @@ async fn piece(
 ) -> Result<(Vec<Sample>, Option<HistorySpan>), HistoryError> {
     let most = asked.most.unwrap_or(PIECE_MAX).min(PIECE_MAX);
     let HistorySpan { from, to, .. } = asked;
-    if asked.is_reverse {
-        // One more says whether there are more.
-        let mut samples = history.last(path, from, to, most).await?;
-        samples.retain(|sample| sample.t >= from);
-        samples.reverse();
-        let last = samples.last().map(|sample| sample.t);
-        let next = last.filter(|last| samples.len() == most && *last > from);
-        return Ok((samples, next.map(|to| HistorySpan { to, ..asked })));
-    }
-    let mut samples = history.samples(path, from, to).await?;
+    let mut samples = match asked.is_reverse {
+        false => history.samples(path, from, to).await?,
+        true => {
+            // One more says whether there are more.
+            let mut samples = history.last(path, from, to, most + 1).await?;
+            samples.retain(|sample| sample.t >= from);
+            samples.reverse();
+            samples
+        }
+    };
     let is_whole = samples.len() <= most && samples.len() < PIECE_MAX;
     samples.truncate(most);
     let last = samples.last().map(|sample| sample.t);
-    let next = last.filter(|last| !is_whole && *last + 1 < to);
-    Ok((
-        samples,
-        next.map(|last| HistorySpan {
+    let rest = |last| match asked.is_reverse {
+        false => HistorySpan {
             from: last + 1,
             ..asked
-        }),
-    ))
+        },
+        true => HistorySpan { to: last, ..asked },
+    };
+    let next = last.filter(|_| !is_whole).map(rest);
+    Ok((samples, next.filter(|next| next.from < next.to)))
 }
 
 /// The value at the beginning, where the client wants bounds and no sample is at that very time.
@@ -196,7 +205,7 @@ fn at(ms: i64) -> DateTime {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use railbus_store::history::millis;
+    use railbus_store::history::{Keep, millis};
 
     fn asked(from: Option<i64>, to: Option<i64>, most: u32) -> Result<HistorySpan, StatusCode> {
         let time = |ms: Option<i64>| ms.map_or_else(DateTime::null, at);
@@ -222,7 +231,8 @@ mod tests {
         assert_eq!(asked(Some(10), Some(20), 0), of(10, 20, false, None));
         assert_eq!(asked(Some(20), Some(10), 5), of(11, 21, true, Some(5)));
         assert_eq!(asked(Some(10), None, 5), of(10, i64::MAX, false, Some(5)));
-        assert_eq!(asked(None, Some(20), 5), of(i64::MIN, 20, true, Some(5)));
+        assert_eq!(asked(None, Some(20), 5), of(i64::MIN, 21, true, Some(5)));
+        assert_eq!(asked(Some(10), Some(10), 0), of(10, 11, false, None));
         let wrong = Err(StatusCode::BadInvalidArgument);
         assert_eq!(asked(Some(10), None, 0), wrong);
         assert_eq!(asked(None, None, 5), wrong);
@@ -231,6 +241,50 @@ mod tests {
     #[test]
     fn a_time_goes_there_and_back() {
         let now = millis(SystemTime::now());
-        assert_eq!(to_millis(&at(now)), now);
+        assert_eq!((since(at(now)), after(at(now))), (now, now + 1));
+    }
+
+    #[tokio::test]
+    async fn pages_have_every_value_once_and_none_is_empty() {
+        let unique = format!("railbus-opcua-past-{}", std::process::id());
+        let folder = std::env::temp_dir().join(unique);
+        std::fs::create_dir_all(&folder).unwrap();
+        let history = History::open(&folder, Keep::default()).unwrap();
+        let now = millis(SystemTime::now());
+        let times: Vec<i64> = (0..4).map(|nth| now - 1_000 + nth).collect();
+        for &t in &times {
+            let sample = Sample {
+                t,
+                value: Some(1.0),
+                grade: SampleQuality::Good,
+            };
+            assert!(history.sample("oven.k1".into(), sample));
+        }
+        for is_reverse in [false, true] {
+            let mut next = Some(HistorySpan {
+                from: times[0],
+                to: times[3] + 1,
+                is_reverse,
+                most: Some(2),
+            });
+            let mut pages = Vec::new();
+            while let Some(asked) = next {
+                let samples;
+                (samples, next) = piece(&history, "oven.k1", asked).await.unwrap();
+                pages.push(samples.iter().map(|sample| sample.t).collect::<Vec<_>>());
+            }
+            let mut expected = times.clone();
+            if is_reverse {
+                expected.reverse();
+            }
+            assert_eq!(pages, [&expected[..2], &expected[2..]], "{is_reverse}");
+        }
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    fn just_after_a_value_is_not_at_its_time() {
+        let later = DateTime::from(at(10).ticks() + 1);
+        assert_eq!((since(later), after(later)), (11, 11));
     }
 }
