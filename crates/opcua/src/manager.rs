@@ -446,7 +446,7 @@ impl InMemoryNodeManagerImpl for SiteManager {
         if self.shared.user(context).is_none() {
             return Err(StatusCode::BadUserAccessDenied);
         }
-        let span = past::span(details)?;
+        let span = past::span(details, times)?;
         let Some(history) = self.shared.service.history() else {
             return Err(StatusCode::BadHistoryOperationUnsupported);
         };

@@ -24,7 +24,14 @@ pub(crate) struct HistorySpan {
 }
 
 /// What a client asks for; the status if that can't be read.
-pub(crate) fn span(details: &ReadRawModifiedDetails) -> Result<HistorySpan, StatusCode> {
+pub(crate) fn span(
+    details: &ReadRawModifiedDetails,
+    times: TimestampsToReturn,
+) -> Result<HistorySpan, StatusCode> {
+    // Values of the past without their times say nothing [OPC UA part 4, 5.10.3].
+    if times == TimestampsToReturn::Neither {
+        return Err(StatusCode::BadTimestampsToReturnInvalid);
+    }
     if details.is_read_modified {
         return Err(StatusCode::BadHistoryOperationUnsupported);
     }
@@ -207,15 +214,27 @@ mod tests {
     use super::*;
     use railbus_store::history::{Keep, millis};
 
-    fn asked(from: Option<i64>, to: Option<i64>, most: u32) -> Result<HistorySpan, StatusCode> {
+    fn details(from: Option<i64>, to: Option<i64>, most: u32) -> ReadRawModifiedDetails {
         let time = |ms: Option<i64>| ms.map_or_else(DateTime::null, at);
-        span(&ReadRawModifiedDetails {
+        ReadRawModifiedDetails {
             is_read_modified: false,
             start_time: time(from),
             end_time: time(to),
             num_values_per_node: most,
             return_bounds: false,
-        })
+        }
+    }
+
+    fn asked(from: Option<i64>, to: Option<i64>, most: u32) -> Result<HistorySpan, StatusCode> {
+        span(&details(from, to, most), TimestampsToReturn::Source)
+    }
+
+    #[test]
+    fn values_of_the_past_have_their_times() {
+        let details = details(Some(10), Some(20), 0);
+        let end = span(&details, TimestampsToReturn::Neither);
+        assert_eq!(end, Err(StatusCode::BadTimestampsToReturnInvalid));
+        assert!(span(&details, TimestampsToReturn::Server).is_ok());
     }
 
     #[test]
