@@ -29,6 +29,8 @@ const QUEUE_MAX: usize = 100;
 /// How often the library looks whether a subscription has something to tell, in milliseconds, and
 /// so the shortest time between two messages of one.
 const TICK_MS: u64 = 50;
+/// How many elements an array in a message may have: the library lets a request name as many nodes.
+const ARRAY_MAX: usize = 10_000;
 /// Messages in so many pieces at most, of this size.
 const CHUNK_LEN: usize = 65_535;
 const CHUNKS_MAX: usize = 16;
@@ -243,8 +245,7 @@ impl OpcuaServer {
     }
 }
 
-/// The settings of the library.
-fn builder(setup: &OpcuaSetup, application: &str) -> ServerBuilder {
+fn limits() -> Limits {
     let subscriptions = SubscriptionLimits {
         // So that a client that wants every change gets it, with its time.
         min_sampling_interval_ms: 0.0,
@@ -255,15 +256,20 @@ fn builder(setup: &OpcuaSetup, application: &str) -> ServerBuilder {
         max_subscriptions_per_session: 10,
         ..SubscriptionLimits::default()
     };
-    let limits = Limits {
+    Limits {
         max_sessions: SESSIONS_MAX,
+        max_array_length: ARRAY_MAX,
         max_chunk_count: CHUNKS_MAX,
         max_message_size: CHUNK_LEN * CHUNKS_MAX,
         send_buffer_size: CHUNK_LEN,
         receive_buffer_size: CHUNK_LEN,
         subscriptions,
         ..Limits::default()
-    };
+    }
+}
+
+/// The settings of the library.
+fn builder(setup: &OpcuaSetup, application: &str) -> ServerBuilder {
     let version = env!("CARGO_PKG_VERSION");
     let mut builder = ServerBuilder::new()
         .application_name(format!("railbus {}", setup.site))
@@ -283,7 +289,7 @@ fn builder(setup: &OpcuaSetup, application: &str) -> ServerBuilder {
         .pki_dir(setup.folder.clone())
         .certificate_path(OWN_CERT)
         .private_key_path(OWN_KEY)
-        .limits(limits)
+        .limits(limits())
         .locale_ids(vec![setup.lang.name().to_owned()])
         .discovery_urls(vec![format!("opc.tcp://{}:{}/", setup.host, setup.port)]);
     let config = builder.config_mut();
@@ -293,4 +299,24 @@ fn builder(setup: &OpcuaSetup, application: &str) -> ServerBuilder {
         builder = builder.add_endpoint(name, endpoint);
     }
     builder
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_request_may_name_as_many_nodes_as_clients_are_told() {
+        let limits = limits();
+        let told = limits.operational;
+        for nodes in [
+            told.max_nodes_per_read,
+            told.max_nodes_per_write,
+            told.max_nodes_per_browse,
+            told.max_monitored_items_per_call,
+            limits.subscriptions.max_monitored_items_per_sub,
+        ] {
+            assert!(nodes <= limits.max_array_length, "{nodes}");
+        }
+    }
 }
