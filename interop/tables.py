@@ -643,6 +643,24 @@ a line that is gone: every value is said to be
 kill -9: the same server afterwards
 """
 
+# The same with node-opcua ----------------------------------------------------------------------
+
+OPCUA_NODE = """
+browse: {from Objects to points,types and properties,attributes that every node has}
+read: {status and times,never read and stale}
+write: done
+write: refused, and nothing moves
+write: a module without power
+call: {done,refused}
+rights: {role and points,who is nobody}
+watch, {plain,filter}: {a change,a module without power,stale and then gone}
+history: {forwards and backwards,in pages,where it begins and ends}
+limits: {sessions,nodes in one request}
+a reload: the others go on
+security: {endpoints,a client that is not trusted,an account that is locked}
+security: {Basic256Sha256,Aes256_Sha256_RsaPss}
+"""
+
 # The daemon's Modbus RTU slave, in front of the same modules ----------------------------------
 
 MODBUS_RTU_SLAVE = """
@@ -679,6 +697,7 @@ TABLES = {
     "MQTT": MQTT,
     "Sparkplug": SPARKPLUG,
     "OPC UA": OPCUA,
+    "OPC UA, node-opcua": OPCUA_NODE,
     "Modbus RTU slave": MODBUS_RTU_SLAVE,
 }
 
