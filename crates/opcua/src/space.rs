@@ -152,15 +152,25 @@ impl SpaceMaker<'_> {
         self.variable(&state, STATE, &id, (DataTypeId::String, "".into()));
         self.variable(&trip, ROUND_TRIP, &id, (DataTypeId::Double, 0.0.into()));
         if module.setup.outputs > 0 {
-            let output = argument("Output", DataTypeId::String, "k1, do0");
-            let width = argument(
+            let output = self.argument("Output", DataTypeId::String, ["k1, do0"; 2]);
+            let width = self.argument(
                 "Milliseconds",
                 DataTypeId::UInt32,
-                "0: as the module has it",
+                ["0: as the module has it", "0：使用模块自身的设定"],
             );
             self.method(name, PULSE, &[output.clone(), width]);
             self.method(name, TOGGLE, &[output]);
             self.method(name, ALL_OFF, &[]);
+        }
+    }
+
+    fn argument(&self, name: &str, of_type: DataTypeId, about: [&'static str; 2]) -> Argument {
+        Argument {
+            name: name.into(),
+            data_type: of_type.into(),
+            value_rank: -1,
+            array_dimensions: None,
+            description: self.text(self.lang.of(about)),
         }
     }
 
@@ -174,16 +184,23 @@ impl SpaceMaker<'_> {
         }
         let outputs = self.id(&format!("{module}/{name}/OutputArguments"));
         let ends = [
-            argument(
+            self.argument(
                 "End",
                 DataTypeId::String,
-                "readback, reply, sent, unknown or failed",
+                [
+                    "readback, reply, sent, unknown or failed",
+                    "readback（已回读）、reply（已应答）、sent（已发送）、unknown（结果未知）或 failed（失败）",
+                ],
             ),
-            argument("Code", DataTypeId::String, "E0106, if it was not done"),
-            argument(
+            self.argument(
+                "Code",
+                DataTypeId::String,
+                ["E0106, if it was not done", "未执行时的错误代码，如 E0106"],
+            ),
+            self.argument(
                 "Audit",
                 DataTypeId::String,
-                "number of its entry in the audit log",
+                ["number of its entry in the audit log", "审计日志中的记录编号"],
             ),
         ];
         let method = method.output_args(self.space, &outputs, &ends);
@@ -262,16 +279,6 @@ const fn states(point: Point) -> [[&'static str; 2]; 2] {
     }
 }
 
-fn argument(name: &str, of_type: DataTypeId, about: &str) -> Argument {
-    Argument {
-        name: name.into(),
-        data_type: of_type.into(),
-        value_rank: -1,
-        array_dimensions: None,
-        description: LocalizedText::new("en", about),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -280,6 +287,21 @@ mod tests {
     const SITE: &str = "[line.main]\nport = \"/dev/ttyS99\"\n[module.railbus]\nline = \"main\"\n\
         model = \"erc8\"\naddress = 3\n[module.line]\nline = \"main\"\nmodel = \"emd2a2q\"\n\
         address = 5\n";
+
+    #[test]
+    fn an_argument_is_described_in_the_language_of_the_server() {
+        for (lang, text) in [(Lang::En, "pulse"), (Lang::Zh, "脉冲")] {
+            let maker = SpaceMaker {
+                space: &mut AddressSpace::new(),
+                namespace: 2,
+                lang,
+                has_history: false,
+                made: Vec::new(),
+            };
+            let argument = maker.argument("Output", DataTypeId::String, ["pulse", "脉冲"]);
+            assert_eq!(argument.description, LocalizedText::new(lang.name(), text));
+        }
+    }
 
     #[tokio::test]
     async fn every_node_is_one_of_its_own_and_says_that_it_stays_as_it_is() {
