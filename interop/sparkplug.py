@@ -164,7 +164,7 @@ class Gate:
 
 
 class Host:
-    """The host application: everything that came, over all its connections."""
+    """The host application: everything that came, over all its connections, with our own time."""
 
     def __init__(self, broker):
         self.broker, self.got, self.lock = broker, [], threading.Condition()
@@ -185,7 +185,7 @@ class Host:
 
     def _run(self, process):
         for line in process.stdout:
-            said = json.loads(line)
+            said = {**json.loads(line), "at": time.monotonic()}
             with self.lock:
                 (self.got if "topic" in said else self.answers).append(said)
                 self.lock.notify_all()
@@ -212,7 +212,7 @@ class Host:
             self.process.stdout.close()
             self.process = None
             with self.lock:
-                self.got.append({"topic": "", "kind": "AWAY"})
+                self.got.append({"topic": "", "kind": "AWAY", "at": time.monotonic()})
 
     def count(self):
         """How many messages came so far."""

@@ -25,6 +25,9 @@ SPARE = 0.13
 # How often the line is checked at least: what is found was not there at the previous check, which
 # bounds when it was sent.
 LOOK = 0.02
+# For this long after the machine did not get round to the line, the host may still be at what that
+# has upset.
+UPSET = 6.0
 # The delay up to which a late reply is recognised in any case, also without a daemon.
 WITHIN = 0.45
 # How long after the next request a late or duplicated reply comes, and how much later the reply to
@@ -39,6 +42,9 @@ TURNAROUND = 0.01
 SLOW = 0.16
 # The turnaround of a module that is slower than the initial timeout.
 SLOW_MODULE = 0.4
+
+# The faults with which a module can be read all the same.
+READABLE = (None, "glitch_after", "glitch_before", "noise", "pieces", "slow", "stuck", "twice")
 
 # Bytes that make no request are dropped after this time.
 FORGOTTEN = 0.05
@@ -386,6 +392,8 @@ class Line:
         self._strays = []
         # When the line was checked before the last bytes were received.
         self._looked = self._began
+        # When the machine got round to it too late.
+        self._held_up = []
         # Until then nothing reaches the master, and after it the next request ends that.
         self._held_until, self._held_for = 0.0, 0.0
         self._queue, self._order = [], itertools.count()
@@ -441,6 +449,13 @@ class Line:
             for kind in kinds:
                 self._faults[unit, kind] = [fault, times]
 
+    def is_readable(self, unit):
+        """Whether a module can be read as things are."""
+        with self._lock:
+            fault, times = self._faults.get((unit, "read"), (None, None))
+            is_quiet = self._master is not None and not self.babble
+            return is_quiet and (fault in READABLE or times is not None)
+
     def heal(self):
         """Ends the faults of all modules."""
         with self._lock:
@@ -466,6 +481,12 @@ class Line:
         """Waits until a module got more requests than that."""
         with self._seen:
             self._seen.wait_for(lambda: self._counts[unit] > count, seconds)
+
+    def is_upset(self, at):
+        """Whether the machine did not get round to the line shortly before then, or meanwhile:
+        replies were later than anything is guaranteed for."""
+        with self._lock:
+            return any(abs(late - at) <= UPSET for late in self._held_up)
 
     def wait_idle(self, seconds):
         """Waits until everything late has been sent."""
@@ -508,10 +529,13 @@ class Line:
         return self._random.randbytes(len(data)) if self.babble else data
 
     def _run(self):
-        heard, last, babbled = b"", 0.0, 0.0
+        heard, last, babbled, before = b"", 0.0, 0.0, time.monotonic()
         while not self._stop:
             with self._lock:
                 now = time.monotonic()
+                if now - before > LOOK + SPARE:
+                    self._held_up.append(now)
+                before = now
                 for stray in [stray for stray in self._strays if stray[0] <= now]:
                     self._strays.remove(stray)
                     self._send_late(stray[1], stray[2], "< late")

@@ -9,10 +9,14 @@ terminal; a client runs `railbus get` and `railbus set`. Each request ends
 - `WRONG`: anything else, such as a false value, the success of a write that never happened, or
   nothing within 15 s.
 
+The columns of outlets ask through these instead (`by_*.py`), and somebody follows them: see
+`outlets.py`.
+
 The expected ends are in `ROWS`; those of the last run are in `../matrix.md`. By hand, from the root
-of the repository: `interop/matrix/run.py [--write] [--trace] [WORD...]`, where words select the
-cases that have one of them in their names, `--write` updates the table (never with a `WRONG`), and
-`--trace` keeps the output of all cases, not only of those that failed.
+of the repository: `target/interop-venv/bin/python interop/matrix/run.py [--write] [--trace]
+[WORD...]`, where words select the cases that have one of them in their names, `--write` updates the
+table (never with a `WRONG`), and `--trace` keeps the output of all cases, not only of those that
+failed.
 """
 
 import collections
@@ -32,7 +36,10 @@ HERE = pathlib.Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE), str(HERE.parent)]
 
 import commands
-import modbus
+import outlets
+from by_modbus import ByModbus
+from by_mqtt import ByMqtt
+from by_sparkplug import BySparkplug
 from injector import Ascii, Lc02, Line, R55, Rtu, TcpPort, Unit
 
 ROOT = HERE.parent.parent
@@ -59,9 +66,9 @@ QUIET = 2.0
 OUTPUTS = {1: 0x25, 2: 0xDA}
 
 # `read` and `write` are what `railbus raw` is given to read unit 1, and to switch its second output
-# on. A column of what a Modbus TCP master is told has them, too, for its line.
-Column = collections.namedtuple("Column", "model protocol codec labels extra read write through",
-                                defaults=[False])
+# on. `by` is who sees the units through an outlet of the daemon, if somebody does.
+Column = collections.namedtuple("Column", "model protocol codec labels extra read write by",
+                                defaults=[None])
 
 
 def labels(prefix, first):
@@ -93,8 +100,10 @@ COLUMNS = {
                   ["--proto", "r55", "55011000000000"],
                   ["--proto", "r55", "55011200000002"]),
 }
-# The lines that a Modbus master could not use itself.
-COLUMNS |= {f"Modbus TCP, {name.split(',')[0]}": COLUMNS[name]._replace(through=True)
+# The lines that none of those could use itself.
+COLUMNS |= {f"{outlet}, {name.split(',')[0]}": COLUMNS[name]._replace(by=by)
+            for outlet, by in (("Modbus TCP", ByModbus), ("MQTT", ByMqtt),
+                               ("Sparkplug", BySparkplug))
             for name in ("ascii, EDA9060A", "r55")}
 
 
@@ -173,7 +182,7 @@ class Case:
         path = pathlib.Path(self.folder.name)
         self.socket, self.config = path / "socket", path / "railbus.toml"
         self.line = Line(column.codec(checksum), str(path / "line"))
-        kind, all_outputs = (modbus.Watched, modbus.OUTPUTS) if column.through else (Unit, OUTPUTS)
+        kind, all_outputs = (outlets.Watched, outlets.OUTPUTS) if column.by else (Unit, OUTPUTS)
         for address, outputs in all_outputs.items():
             full = 0x0F if column.model == "eda9060a" else 0xFF
             self.line.units[address] = kind(outputs & full, 0x0F)
@@ -181,16 +190,16 @@ class Case:
         if row.tcp:
             self.tcp = TcpPort(self.line.path)
             port = f"tcp:127.0.0.1:{self.tcp.number}"
-        age = f'max_age = "{modbus.MAX_AGE}s"' if column.through else ""
+        age = f'max_age = "{outlets.MAX_AGE}s"' if column.by else ""
         modules = "".join(
             f'[module.{name}]\nline = "main"\nmodel = "{column.model}"\naddress = {address}\n'
             f'protocol = "{column.protocol}"\nchecksum = {str(checksum).lower()}\n'
-            f'poll = "{"200ms" if row.polls or column.through else "never"}"\n{column.extra}\n'
+            f'poll = "{"200ms" if row.polls or column.by else "never"}"\n{column.extra}\n'
             f'{age}\n'
             for address, name in ((1, "a"), (2, "b"))
         )
-        self.port, self.watch = modbus.free_port(), None
-        outlet = modbus.settings(self.port) if column.through else ""
+        self.observer = column.by(self) if column.by else None
+        outlet = self.observer.text() if column.by else ""
         self.config.write_text(f'[line.main]\nport = "{port}"\n{modules}{outlet}')
         self.daemon = None
 
@@ -211,21 +220,19 @@ class Case:
             if self.daemon.poll() is not None or time.monotonic() > deadline:
                 raise RuntimeError(f"the daemon does not start: {self.journal()}")
             time.sleep(0.02)
-        if self.column.through:
-            self.watch = modbus.Watch(self)
+        if self.observer:
+            self.observer.begin()
 
-    def false(self):
-        """What a master was told meanwhile that was false."""
-        return self.watch.close() if self.watch else []
+    def lies(self):
+        """What was told through the outlet meanwhile that was false."""
+        return self.observer.lies() if self.observer else []
 
     def answers(self):
         """Whether the daemon listens. A socket left by one that was killed does not count."""
         try:
             if self.ask("GET", "/lines")[0] != 200:
                 return False
-            if self.column.through:
-                modbus.Master(self.port).close()
-            return True
+            return not self.observer or self.observer.is_there()
         except OSError:
             return False
 
@@ -275,6 +282,8 @@ class Case:
     def __exit__(self, *_):
         if self.daemon:
             self.stop()
+        if self.observer:
+            self.observer.close()
         if self.tcp:
             self.tcp.close()
         self.line.close()
@@ -295,8 +304,8 @@ class Case:
 
     def getting(self, *addresses, fresh=True):
         """Starts a read of the outputs of these units, or of their cached values."""
-        if self.column.through:
-            return modbus.reading(self, *addresses)
+        if self.observer:
+            return self.observer.read(*addresses)
         want = [self.truth(address) for address in addresses]
 
         def judge(done):
@@ -322,8 +331,8 @@ class Case:
 
     def putting(self, address):
         """Starts a command that switches on the first output that is off."""
-        if self.column.through:
-            return modbus.writing(self, address)
+        if self.observer:
+            return self.observer.write(address)
         unit = self.line.units[address]
         nth = min(nth for nth in range(4) if not unit.outputs >> nth & 1)
         path = f"{'ab'[address - 1]}.{self.column.labels[nth]}"
@@ -763,8 +772,9 @@ def run_case(row_name, column_name):
                 if "false" in allowed and end.startswith("WRONG") and " told " in end:
                     end = f"false {end}"
                 ends.append(end)
-            if false := case.false():
-                ends[-1] = f"WRONG: a master was told: {false[0]}"
+            if lies := case.lies():
+                case.log += lies
+                ends[-1] = f"WRONG: somebody was told: {lies[0]}"
     except Exception as error:  # Whatever breaks a case off fails it, and only it.
         ends.append(f"WRONG: broke off, {type(error).__name__}: {error}")
     return ends, [*case.line.trace, *case.log]
@@ -773,26 +783,26 @@ def run_case(row_name, column_name):
 # The table ---------------------------------------------------------------------------------
 
 LETTERS = "ABCD"
-# The rows whose requests a Modbus master can make: the units are always polled there.
+# The rows whose requests can be made through an outlet: the units are always polled there.
 THROUGH = {f"S{number}" for number in (*range(20), 21, 22, 24, 25, 36)}
 POLLED = {"S24", "S36"}
-NOT_ASKED = "nothing that a Modbus master asks"
+NOT_ASKED = "nothing that is asked through an outlet"
 
 
 def absence(row_name, column_name):
     """Why a row is not applicable to a protocol, if it is not."""
     row, column = ROWS[row_name], COLUMNS[column_name]
-    if column.through and not row_name.split()[0] in THROUGH:
+    if column.by and not row_name.split()[0] in THROUGH:
         return NOT_ASKED
-    if column.through and (row.direct or row.polls != (row_name in POLLED)):
+    if column.by and (row.direct or row.polls != (row_name in POLLED)):
         return NOT_ASKED
     return row.absent.get(column.protocol)
 
 
 def allowed_ends(row, column):
-    """Which ends each request may have. Through Modbus TCP a read gets what is known: of a unit
-    that is silent that is right until it is too old."""
-    if not column.through:
+    """Which ends each request may have. Through an outlet a read gets what is known: of a unit that
+    is silent that is right until it is too old."""
+    if not column.by:
         return row.ends
     is_read = [f"{letter} writes" not in row.asks for letter in LETTERS]
     return [EITHER if allowed == SAFE and read else allowed
@@ -839,10 +849,10 @@ def as_table(cells):
         "are as good, time decides between them. `-`: see below. Boards of other makers have a",
         "suite of their own, `interop/strangers_suite.py`: they get nothing but reads.",
         "",
-        "The columns of Modbus TCP are what a master is told of units on such a line. They are",
-        "polled, and `right` also says that the master, which read them all the time, was never",
-        "told a value that was not true. What it reads of a silent unit is right until it is too",
-        "old.",
+        "The columns of Modbus TCP, MQTT and Sparkplug are what a master, a subscriber and a host",
+        "are told of units on such a line. These are polled, and `right` also says that whoever",
+        "followed them all the time was never told a value that was not true, or not that it is",
+        "true no longer. What is read of a silent unit is right until it is too old.",
         "",
         "| row | what happens | asked | " + " | ".join(COLUMNS) + " |",
         "|---" * (3 + len(COLUMNS)) + "|",
