@@ -111,6 +111,7 @@ def daemons(words):
     """The same for suites with a daemon of their own, which takes a module that the machine does
     not get round to for a silent one: not together with all the others."""
     import exports_suite
+    import faults_suite
     import modbus_line_suite
     import modbus_rtu_suite
     import modbus_security_suite
@@ -122,9 +123,10 @@ def daemons(words):
     import sparkplug_host_suite
     import sparkplug_suite
 
-    return chosen((modbus_tcp_suite, modbus_security_suite, modbus_rtu_suite, modbus_line_suite,
-                   mqtt_suite, mqtt_replay_suite, sparkplug_suite, sparkplug_host_suite,
-                   opcua_suite, opcua_node_suite, exports_suite), words)
+    # The longest first.
+    return chosen((faults_suite, modbus_tcp_suite, modbus_security_suite, modbus_rtu_suite,
+                   modbus_line_suite, mqtt_suite, mqtt_replay_suite, sparkplug_suite,
+                   sparkplug_host_suite, opcua_suite, opcua_node_suite, exports_suite), words)
 
 
 def alone(words):

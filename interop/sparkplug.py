@@ -5,7 +5,6 @@ import json
 import os
 import pathlib
 import re
-import socket
 import subprocess
 import tempfile
 import threading
@@ -14,7 +13,8 @@ import time
 import mqtt
 from judge.daemon import Daemon
 from modbus_tcp import HOST, PATIENCE, Simulator, until
-from mqtt import SITE, free_port
+from mqtt import SITE
+from proxy import Proxy
 from rig import ROOT, Tally
 
 HERE = pathlib.Path(__file__).resolve().parent
@@ -81,86 +81,6 @@ class Broker(mqtt.Broker):
         """How many connections of the daemon have subscribed to a topic."""
         told = re.compile(rf"{CLIENT} \d {re.escape(topic)}")
         return sum(any(told.fullmatch(line) for line in lines) for lines in self.connections())
-
-
-class Gate:
-    """The daemon's way to the broker, which can be closed: whoever else is at the broker is there
-    before the daemon is."""
-
-    def __init__(self, broker):
-        self.broker = broker
-        self.held, self.port = free_port()
-        self.listener, self.sockets = None, set()
-        self.lock = threading.Lock()
-        self.open()
-
-    def open(self):
-        """From now on there is a way."""
-        listener = socket.socket()
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listener.bind((HOST, self.port))
-        listener.listen()
-        with self.lock:
-            self.listener = listener
-        threading.Thread(target=self._run, args=[listener], daemon=True).start()
-
-    def cut(self):
-        """From now on there is none, as if the network were down."""
-        with self.lock:
-            listener, self.listener = self.listener, None
-            sockets = [listener, *self.sockets] if listener else []
-            for each in sockets:
-                try:
-                    each.shutdown(socket.SHUT_RDWR)
-                except OSError:
-                    pass
-        if listener:
-            listener.close()
-
-    def _run(self, listener):
-        while True:
-            try:
-                client, _ = listener.accept()
-            except OSError:
-                return
-            threading.Thread(target=self._serve, args=[listener, client], daemon=True).start()
-
-    def _serve(self, listener, client):
-        with client:
-            try:
-                server = socket.create_connection((HOST, self.broker.port), PATIENCE)
-            except OSError:
-                return
-            server.settimeout(None)
-            with server:
-                with self.lock:
-                    if self.listener is not listener:
-                        return
-                    self.sockets |= {client, server}
-                other = threading.Thread(target=self._pass, args=[server, client], daemon=True)
-                other.start()
-                self._pass(client, server)
-                other.join()
-                with self.lock:
-                    self.sockets -= {client, server}
-
-    @staticmethod
-    def _pass(source, sink):
-        try:
-            while data := source.recv(65536):
-                sink.sendall(data)
-        except OSError:
-            pass
-        # The other half stays: a connection that is closed before all was read loses what was sent.
-        try:
-            sink.shutdown(socket.SHUT_WR)
-        except OSError:
-            pass
-
-    def close(self):
-        """Ends it for good."""
-        self.cut()
-        self.held.close()
 
 
 class Host:
@@ -266,7 +186,7 @@ class Plant:
 
     def __init__(self, broker, version="auto", tally=None, **settings):
         self.tally = tally or Tally("Sparkplug")
-        self.broker, self.gate, self.host = broker, Gate(broker), Host(broker)
+        self.broker, self.gate, self.host = broker, Proxy(broker), Host(broker)
         self.folder = tempfile.TemporaryDirectory(prefix="railbus-interop-")
         self.settings = {"host": HOST, "port": self.gate.port, "version": version, "group": GROUP,
                          "node": NODE, "client_id": CLIENT, "write": WRITE, **settings}

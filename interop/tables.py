@@ -572,6 +572,14 @@ the password is never shown
 {5,3.1.1}, batch: what was on the disk comes after a kill, and then a gap
 5, batch: what nobody receives stays
 {5,3.1.1}, batch: without replay_days nothing is kept
+faults, {5,3.1.1}: dead within the keep-alive
+faults, {5,3.1.1}: alive again
+faults, {5,3.1.1}: what was true
+faults, {5,3.1.1}: what is so now
+faults, {5,3.1.1}: no change is missing
+faults, {5,3.1.1}: commands act once and soon
+faults, {5,3.1.1}: every command that acted has its result
+faults, {5,3.1.1}: was a test
 """
 
 # The daemon as a Sparkplug edge node, with mosquitto and pysparkplug ------------------------------
@@ -607,6 +615,8 @@ primary host: NDEATH when it goes, births when it is back
 primary host: the rules of Sparkplug
 every change: {without a broker,without the primary host,never again}
 every change: the rules of Sparkplug
+faults: {dead within the keep-alive,alive again,what was true,what is so now}
+faults: {no change is missing,commands act once and soon,was a test}
 """
 
 # The daemon's OPC UA server, with asyncua --------------------------------------------------------

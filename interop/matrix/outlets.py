@@ -40,11 +40,17 @@ DONE, UNKNOWN = ("readback", "reply", "sent"), "unknown"
 
 
 class Watched(Unit):
-    """A unit that remembers when its outputs were what."""
+    """A unit that remembers when its outputs were what, and what it was told to switch: when, which
+    output, and to what."""
 
     def __init__(self, outputs, inputs=0):
-        self.past = []
+        self.past, self.switched = [], []
         super().__init__(outputs, inputs)
+
+    def put(self, mask, on):
+        super().put(mask, on)
+        self.switched += [(time.monotonic(), nth, on >> nth & 1)
+                          for nth in range(mask.bit_length()) if mask >> nth & 1]
 
     @property
     def outputs(self):
@@ -66,16 +72,16 @@ class Watched(Unit):
         return any(end >= since and outputs & mask == bits & mask
                    for _, end, outputs in self._spans())
 
-    def was_false(self, bits, since, until, mask=ALL):
+    def was_false(self, bits, since, until, mask, late):
         """Whether who was told this from then until then was told what had not been so for longer
-        than a value may be old."""
+        than a value may be old, and so much later."""
         otherwise = None
         for at, end, outputs in self._spans():
             if outputs & mask == bits & mask:
                 otherwise = None
                 continue
             otherwise = at if otherwise is None else otherwise
-            if max(since, otherwise + MAX_AGE + LATE) <= min(until, end):
+            if max(since, otherwise + MAX_AGE + late) <= min(until, end):
                 return True
         return False
 
@@ -219,6 +225,8 @@ class Follower(Observer):
     """
 
     together = tuple(1 << nth for nth in CHANNELS)
+    # How much later than it may be old a value may be taken back.
+    late = LATE
 
     def __init__(self, case):
         super().__init__(case)
@@ -285,7 +293,7 @@ class Follower(Observer):
                  if value is not None]
         for unit, nth, value, since, until in [*self.knew, *still]:
             watched = self.case.line.units[unit]
-            if watched.was_false(value << nth, since, until, 1 << nth):
+            if watched.was_false(value << nth, since, until, 1 << nth, self.late):
                 self.false.append(f"output {nth} of unit {unit} is {value}, "
                                   f"for {until - since:.3f} s")
         return self.false
