@@ -4,16 +4,22 @@
     RAILBUS=target/release/railbus python3 interop/measure.py replay [COUNT]
     RAILBUS=target/release/railbus python3 interop/measure.py births
     RAILBUS=target/release/railbus python3 interop/measure.py past [COUNT]
+    RAILBUS=target/release/railbus python3 interop/measure.py flood
+    RAILBUS=target/release/railbus python3 interop/measure.py stale
 
 `line`: reads of a foreign master through the Modbus gateway to a line, and by itself on the same
 line. `replay`: an outage of 72 hours, brought to a receiver of mosquitto (needs paho-mqtt, as all
-that follow). `births`: 250 modules of a Sparkplug node. `past`: an outage of 72 hours in
-Sparkplug."""
+that follow but `flood`). `births`: 250 modules of a Sparkplug node. `past`: an outage of 72 hours
+in Sparkplug. `flood`: 10,000 changes a second, published over MQTT. `stale`: how soon others are
+told that a value is too old."""
 
+import asyncio
+import datetime
 import json
 import os
 import random
 import sqlite3
+import subprocess
 import sys
 import tempfile
 import termios
@@ -21,7 +27,7 @@ import threading
 import time
 import tty
 
-from checksums import crc
+from checksums import crc, total
 from modbus_line_suite import Site
 from modbus_tcp import Client, PATIENCE, until
 
@@ -323,6 +329,191 @@ def measure_past(count):
     node.close()
 
 
+# Boards on lines of their own, with 32 relays each that are all switched before every poll.
+BOARDS, RELAYS, POLLS_S = 32, 32, 10
+FLOOD_S, WARM_UP_S = 20, 5
+
+
+class Flood:
+    """Boards behind TCP whose relays are all other ones each time that they are read."""
+
+    def __init__(self):
+        self.ports, self.reads = [], 0
+        self.is_there = threading.Event()
+        threading.Thread(target=lambda: asyncio.run(self._run()), daemon=True).start()
+        self.is_there.wait()
+
+    async def _run(self):
+        servers = [await asyncio.start_server(self._serve, "127.0.0.1", 0) for _ in range(BOARDS)]
+        self.ports = [server.sockets[0].getsockname()[1] for server in servers]
+        self.is_there.set()
+        await asyncio.Event().wait()
+
+    async def _serve(self, reader, writer):
+        relays = 0
+        try:
+            while True:
+                request = await reader.readexactly(8)
+                relays ^= 0xFFFFFFFF
+                self.reads += 1
+                reply = bytes([0x22, *request[1:3]]) + relays.to_bytes(4, "big")
+                writer.write(reply + bytes([total(reply)]))
+        except (asyncio.IncompleteReadError, OSError):
+            writer.close()
+
+    def site(self):
+        """The configuration of its boards."""
+        return "".join(
+            f'[line.l{nth}]\nport = "tcp:127.0.0.1:{port}"\n[module.b{nth}]\nline = "l{nth}"\n'
+            f'model = "r55"\naddress = 1\noutputs = {RELAYS}\ninputs = 0\n'
+            f'poll = "{1000 // POLLS_S}ms"\nmax_age = "10s"\n'
+            for nth, port in enumerate(self.ports))
+
+
+class Counted:
+    """A subscriber of mosquitto that only counts its messages."""
+
+    def __init__(self, broker, topic):
+        command = ["mosquitto_sub", *broker.words(), "-V", "mqttv5", "-q", "1", "-t", topic]
+        self.process = subprocess.Popen([*command, "-F", "."], stdout=subprocess.PIPE)
+        self.count = 0
+        threading.Thread(target=self._run, daemon=True).start()
+
+    def _run(self):
+        while data := os.read(self.process.stdout.fileno(), 1 << 16):
+            self.count += data.count(b"\n")
+
+    def close(self):
+        """Ends it."""
+        self.process.kill()
+        self.process.wait()
+
+
+def measure_flood():
+    """10,000 changes a second, without MQTT and with it."""
+    print("| outlet | reads/s | changes/s | values published/s | daemon, of a core | broker |")
+    print("| --- | --- | --- | --- | --- | --- |")
+    for name, more in (("none", None), ("MQTT", {}), ("MQTT, `replay_days`", {"replay_days": 1})):
+        flooded(name, more)
+
+
+def flooded(name, more):
+    """One row of it."""
+    from judge.daemon import Daemon
+    from mqtt import Broker
+
+    broker, flood = Broker(), Flood()
+    broker.kill()
+    with open(broker.config, "a", encoding="utf-8") as config:
+        config.write("max_queued_messages 0\n")
+    broker.start()
+    text = flood.site()
+    if more is not None:
+        settings = {"type": "mqtt", **broker.settings(), "version": "5", "site": "plant", **more}
+        text += "[outlet.scada]\n"
+        text += "".join(f"{key} = {json.dumps(value)}\n" for key, value in settings.items())
+    folder = tempfile.TemporaryDirectory(prefix="railbus-measure-")
+    daemon = Daemon(folder.name, text)
+    counted = [Counted(broker, f"railbus/plant/{topic}") for topic in ("+/+/state", "batch")]
+    daemon.start()
+    time.sleep(WARM_UP_S)
+    look = lambda: (time.monotonic(), flood.reads, counted[0].count, cpu(daemon.process.pid),
+                    cpu(broker.process.pid), counted[1].count)
+    before = look()
+    time.sleep(FLOOD_S)
+    after = look()
+    took, reads, values, used, of_broker, batches = (b - a for a, b in zip(before, after))
+    if "replay_days" in (more or {}):
+        _, answer = daemon.ask("GET", "/outlets")
+        print(f"batches/s: {batches / took:.0f}; waiting: {answer['outlets'][0]['queue']}")
+    print(f"| {name} | {reads / took:.0f} | {reads * RELAYS / took:,.0f} | {values / took:,.0f} | "
+          f"{100 * used / took:.1f} % | {100 * of_broker / took:.1f} % |", flush=True)
+    for each in counted:
+        each.close()
+    daemon.close()
+    broker.close()
+
+
+# How often a value becomes too old, and from which age on it is.
+ROUNDS, OLD_S = 40, 1.0
+STALE = """
+[line.main]
+port = "pty:{line}"
+baud = 19200
+
+[module.yard]
+line = "main"
+model = "erc8"
+address = 9
+poll = "{poll}"
+max_age = "1s"
+sim = {{ turnaround = "5ms" }}
+"""
+
+
+def measure_stale():
+    """When it is told that a value is too old: of a module that is read too seldom, and of one that
+    falls silent."""
+    print("| told by | the module | number | median, ms | p99 | most |")
+    print("| --- | --- | --- | --- | --- | --- |")
+    for kind in ("mqtt", "sparkplug"):
+        for what, poll in (("is read every 2 s", "2s"), ("falls silent", "300ms")):
+            late = sorted(1000 * each for each in aged(kind, poll))
+            at = lambda part: late[min(int(len(late) * part), len(late) - 1)]
+            print(f"| {kind} | {what} | {len(late)} | {at(0.5):.1f} | {at(0.99):.1f} | "
+                  f"{late[-1]:.1f} |", flush=True)
+
+
+def aged(kind, poll):
+    """How much later than it was too old it was told of a value, in seconds."""
+    import paho.mqtt.client as paho
+    from judge.daemon import Daemon
+    from modbus_tcp import Simulator
+    from mqtt import Broker
+
+    broker = Broker()
+    folder = tempfile.TemporaryDirectory(prefix="railbus-measure-")
+    settings = {"type": kind, **broker.settings(), **({"site": "plant"} if kind == "mqtt" else
+                                                      {"group": "plant", "node": "n"})}
+    text = STALE.format(line=os.path.join(folder.name, "line"), poll=poll) + "[outlet.scada]\n"
+    text += "".join(f"{key} = {json.dumps(value)}\n" for key, value in settings.items())
+    daemon = Daemon(folder.name, text)
+    sim = Simulator(folder.name, daemon.config)
+    sim.start()
+    got, receiver = [], paho.Client(paho.CallbackAPIVersion.VERSION2)
+    receiver.on_message = lambda _client, _data, message: got.append((time.time(), message))
+    receiver.connect("127.0.0.1", broker.port)
+    receiver.subscribe("railbus/plant/yard/k1/state" if kind == "mqtt" else "spBv1.0/plant/#")
+    receiver.loop_start()
+    # In Sparkplug a death, or `Quality` 500, which is stale, as protobuf has it.
+    is_old = lambda message: (message.payload == b"None" or b"\x18\xf4\x03" in message.payload
+                              or "/DDEATH/" in message.topic)
+    point = lambda: daemon.ask("GET", "/points/yard/k1")[1]
+    daemon.start()
+    until(lambda: point()["quality"] == "good" and got)
+    late = []
+    while len(late) < ROUNDS:
+        until(lambda: point()["quality"] == "good")
+        time.sleep(random.uniform(0, 0.3))
+        since = len(got)
+        if poll != "2s":
+            sim.do("power yard off")
+        olds = lambda: [at for at, message in got[since:] if is_old(message)]
+        if not until(olds):
+            raise RuntimeError(f"nothing is told: {point()}, {got[since:]}")
+        read = datetime.datetime.fromisoformat(point()["time"].replace("Z", "+00:00")).timestamp()
+        # Unless it was read again meanwhile.
+        if read < olds()[0]:
+            late.append(olds()[0] - read - OLD_S)
+        if poll != "2s":
+            sim.do("power yard on")
+    receiver.loop_stop()
+    daemon.close()
+    sim.kill()
+    broker.close()
+    return late
+
+
 def fill(file, count):
     """What would have been written in so long an outage."""
     data = sqlite3.connect(file)
@@ -345,13 +536,10 @@ def cpu(pid):
 
 
 if __name__ == "__main__":
-    if sys.argv[1:2] == ["line"]:
-        measure_line()
-    elif sys.argv[1:2] == ["replay"]:
-        measure_replay(int(sys.argv[2]) if sys.argv[2:] else COUNT)
-    elif sys.argv[1:2] == ["births"]:
-        measure_births()
-    elif sys.argv[1:2] == ["past"]:
-        measure_past(int(sys.argv[2]) if sys.argv[2:] else COUNT)
+    WAYS = {"line": measure_line, "replay": measure_replay, "births": measure_births,
+            "past": measure_past, "flood": measure_flood, "stale": measure_stale}
+    if sys.argv[1:2] and sys.argv[1] in WAYS:
+        counted = [int(sys.argv[2]) if sys.argv[2:] else COUNT]
+        WAYS[sys.argv[1]](*(counted if sys.argv[1] in ("replay", "past") else ()))
     else:
         sys.exit(__doc__)
