@@ -199,6 +199,10 @@ class Case:
             for address, name in ((1, "a"), (2, "b"))
         )
         self.observer = column.by(self) if column.by else None
+        if row.warm and column.by:
+            # The program is to know them as slow; through an outlet nobody asks for a reading.
+            for address in all_outputs:
+                self.line.play(address, "slow")
         outlet = self.observer.text() if column.by else ""
         self.config.write_text(f'[line.main]\nport = "{port}"\n{modules}{outlet}')
         self.daemon = None
@@ -647,6 +651,7 @@ class Row:
         self.direct = besides.get("direct", False)
         self.polls = besides.get("polls", False)
         self.tcp = besides.get("tcp", False)
+        self.warm = besides.get("warm", False)
 
 
 READS = "A reads 1, B reads 2"
@@ -657,11 +662,12 @@ NO_ADDRESS = "the reply to a write names no address"
 ROWS = {
     "S0": Row(s0, "clean", ALL, RIGHT, RIGHT, RIGHT),
     "S1": Row(s1, "the replies come after the timeout, while the line is idle", READS,
-              EITHER, RIGHT),
+              EITHER, RIGHT, warm=True),
     "S2": Row(s2, "the late reply lands in the next request of the same unit and shape",
-              "A and B read 1", EITHER, RIGHT),
-    "S3": Row(s3, "the late reply of unit 1 lands in a request to unit 2", READS, EITHER, RIGHT),
-    "S4": Row(s4, "the same, and unit 2 is dead", READS, EITHER, SAFE),
+              "A and B read 1", EITHER, RIGHT, warm=True),
+    "S3": Row(s3, "the late reply of unit 1 lands in a request to unit 2", READS, EITHER, RIGHT,
+              warm=True),
+    "S4": Row(s4, "the same, and unit 2 is dead", READS, EITHER, SAFE, warm=True),
     "S5": Row(s5, "echoing adapter, unit 1 is dead", "A writes 1, B reads 2", SAFE, RIGHT),
     "S6": Row(s6, "echoing adapter, the units are alive", ALL, RIGHT, RIGHT, RIGHT),
     "S7": Row(_always("glitch_before"), "a 00 before each reply", ALL, RIGHT, RIGHT, RIGHT),
@@ -682,21 +688,22 @@ ROWS = {
                "A reads 1, B writes 1, C reads 2", SAFE, SAFE, RIGHT),
     "S16": Row(_read_fault("other_command"), "reply with another function or command", READS,
                SAFE, RIGHT),
-    "S17": Row(s17, "40 bytes of noise before each reply", ALL, RIGHT, RIGHT, RIGHT),
+    "S17": Row(s17, "40 bytes of noise before each reply", ALL, RIGHT, RIGHT, RIGHT, warm=True),
     "S17 cold": Row(_always("noise"), "the same from the opening of the port on", ALL,
                     RIGHT, RIGHT, EITHER),
     "S18": Row(s18, "a babbling line", "A reads 1, B writes 2; is it named?",
-               SAFE, SAFE, {"named"}),
+               SAFE, SAFE, {"named"}, warm=True),
     "S19": Row(s19, "each reply of unit 1 comes twice", "A reads 1, B reads 2, C reads 1",
-               RIGHT, RIGHT, RIGHT),
+               RIGHT, RIGHT, RIGHT, warm=True),
     "S20": Row(s20, "late `>` or data of unit 1 in the turn of unit 2, which is dead to writes",
                "A writes 1, B writes 2, C reads 1, D reads 2", EITHER, SAFE, EITHER, RIGHT,
-               absent={name: "its replies say whose they are" for name in ("rtu", "lc02", "r55")}),
+               absent={name: "its replies say whose they are" for name in ("rtu", "lc02", "r55")},
+               warm=True),
     "S21": Row(s21, "the port is gone for 3 s and comes back under another name",
-               "A reads 1 meanwhile, B reads 1 within 2 s after", SAFE, RIGHT),
+               "A reads 1 meanwhile, B reads 1 within 2 s after", SAFE, RIGHT, warm=True),
     "S22": Row(s22, "unit 1 acknowledges and does not move", "A writes 1, B reads 2", SAFE, RIGHT),
     "S22 lost": Row(s22_lost, "the same, and its read-backs but the first are lost",
-                    "A reads 1, B writes 1", RIGHT, SAFE),
+                    "A reads 1, B writes 1", RIGHT, SAFE, warm=True),
     "S23": Row(s23, "two requests come back, once; the units are polled",
                "A reads 1 before, B reads 1 and C reads 2 after", RIGHT, RIGHT, RIGHT, polls=True),
     "S24": Row(s24, "a second master says the same at the same moment; the units are polled",
