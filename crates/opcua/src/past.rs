@@ -21,6 +21,9 @@ pub(crate) struct HistorySpan {
     is_reverse: bool,
     /// How many at most; none for all.
     most: Option<usize>,
+    /// The times at its start and at its end for which there are no bounds, as far as that is still
+    /// to be told.
+    unbound: [Option<i64>; 2],
 }
 
 /// What a client asks for; the status if that can't be read.
@@ -46,6 +49,7 @@ pub(crate) fn span(
         to,
         is_reverse,
         most,
+        unbound: [None; 2],
     };
     Ok(match (of(&details.start_time), of(&details.end_time)) {
         // The end is not part of it, in either direction. A start alone is one, and so is an end.
@@ -81,19 +85,22 @@ pub(crate) async fn read(
     let next = node
         .continuation_point()
         .map(|point| point.get::<HistorySpan>().copied());
-    let asked = match next {
-        None => asked,
-        Some(Some(next)) => next,
+    let page = match next {
+        None if bounds => match bounded(history, path, asked).await {
+            Ok(asked) => page(history, path, asked).await,
+            Err(error) => Err(error),
+        },
+        None => page(history, path, asked).await,
+        Some(Some(next)) => page(history, path, next).await,
         Some(None) => return node.set_status(StatusCode::BadContinuationPointInvalid),
     };
-    match piece(history, path, asked).await {
-        Ok((samples, next)) => {
-            let is_first = node.continuation_point().is_none();
-            let mut values: Vec<DataValue> = Vec::new();
-            if bounds && is_first && !asked.is_reverse {
-                values.extend(bound(history, path, kind, (asked.from, &samples)).await);
-            }
-            values.extend(samples.iter().map(|sample| value(kind, sample)));
+    match page {
+        Ok((kept, next)) => {
+            let of = |kept: &Kept| {
+                kept.as_ref()
+                    .map_or_else(|at| no_bound(*at), |s| value(kind, s))
+            };
+            let mut values: Vec<DataValue> = kept.iter().map(of).collect();
             values.iter_mut().for_each(|value| with_times(value, times));
             let status = match values.is_empty() {
                 true => StatusCode::GoodNoData,
@@ -118,13 +125,79 @@ pub(crate) async fn read(
     }
 }
 
-/// The next samples, in the order asked for, and where it goes on; none at the end.
+/// A sample, or the time of a bound that there is not.
+type Kept = Result<Sample, i64>;
+
+/// A span with the values that it lies between [OPC UA part 11, 4.4].
+async fn bounded(
+    history: &History,
+    path: &str,
+    asked: HistorySpan,
+) -> Result<HistorySpan, HistoryError> {
+    let HistorySpan { from, to, .. } = asked;
+    // The times that the client gave, where it gave them.
+    let shift = i64::from(asked.is_reverse);
+    let lower = (from != i64::MIN).then(|| from - shift);
+    let upper = (to != i64::MAX).then(|| if from + 1 == to { from } else { to - shift });
+    let mut span = asked;
+    if let Some(at) = lower {
+        match history.in_force(path, at + 1).await? {
+            Some(before) => span.from = before.t,
+            None => span.unbound[0] = Some(at),
+        }
+    }
+    if let Some(at) = upper {
+        match history.samples(path, at, i64::MAX).await?.first() {
+            Some(after) => span.to = after.t + 1,
+            None => span.unbound[1] = Some(at),
+        }
+    }
+    if asked.is_reverse {
+        span.unbound.reverse();
+    }
+    Ok(span)
+}
+
+/// The next values, in the order asked for, and where it goes on; none at the end.
+async fn page(
+    history: &History,
+    path: &str,
+    asked: HistorySpan,
+) -> Result<(Vec<Kept>, Option<HistorySpan>), HistoryError> {
+    let most = asked.most.unwrap_or(PIECE_MAX).min(PIECE_MAX);
+    let [start, end] = asked.unbound;
+    let mut kept: Vec<Kept> = start.map(Err).into_iter().collect();
+    let rest = HistorySpan {
+        unbound: [None, end],
+        ..asked
+    };
+    if kept.len() == most {
+        return Ok((kept, Some(rest)));
+    }
+    let (samples, next) = piece(history, path, rest, most - kept.len()).await?;
+    kept.extend(samples.into_iter().map(Ok));
+    let next = match (next, end) {
+        (None, Some(end)) if kept.len() < most => {
+            kept.push(Err(end));
+            None
+        }
+        // Only that is left.
+        (None, Some(_)) => Some(HistorySpan {
+            from: rest.to,
+            ..rest
+        }),
+        (next, _) => next,
+    };
+    Ok((kept, next))
+}
+
+/// So many samples, in the order asked for, and where it goes on; none at the end.
 async fn piece(
     history: &History,
     path: &str,
     asked: HistorySpan,
+    most: usize,
 ) -> Result<(Vec<Sample>, Option<HistorySpan>), HistoryError> {
-    let most = asked.most.unwrap_or(PIECE_MAX).min(PIECE_MAX);
     let HistorySpan { from, to, .. } = asked;
     let mut samples = match asked.is_reverse {
         false => history.samples(path, from, to).await?,
@@ -150,24 +223,13 @@ async fn piece(
     Ok((samples, next.filter(|next| next.from < next.to)))
 }
 
-/// The value at the beginning, where the client wants bounds and no sample is at that very time.
-async fn bound(
-    history: &History,
-    path: &str,
-    kind: PointKind,
-    (from, samples): (i64, &[Sample]),
-) -> Option<DataValue> {
-    if samples.first().is_some_and(|first| first.t == from) {
-        return None;
+/// What stands for a bound that there is not.
+fn no_bound(time: i64) -> DataValue {
+    DataValue {
+        status: Some(StatusCode::BadBoundNotFound),
+        source_timestamp: Some(at(time)),
+        ..DataValue::default()
     }
-    Some(match history.in_force(path, from).await {
-        Ok(Some(sample)) => value(kind, &sample),
-        _ => DataValue {
-            status: Some(StatusCode::BadBoundNotFound),
-            source_timestamp: Some(at(from)),
-            ..DataValue::default()
-        },
-    })
 }
 
 fn value(kind: PointKind, sample: &Sample) -> DataValue {
@@ -245,6 +307,7 @@ mod tests {
                 to,
                 is_reverse,
                 most,
+                unbound: [None; 2],
             })
         };
         assert_eq!(asked(Some(10), Some(20), 0), of(10, 20, false, None));
@@ -263,42 +326,95 @@ mod tests {
         assert_eq!((since(at(now)), after(at(now))), (now, now + 1));
     }
 
+    /// A history with values at these minutes, and what is read of it, page by page.
+    struct Minutes(History, std::path::PathBuf);
+
+    /// The time of a minute.
+    const fn minute(nth: i64) -> i64 {
+        1_700_000_000_000 + nth * 60_000
+    }
+
+    impl Minutes {
+        fn new(name: &str) -> Minutes {
+            let unique = format!("railbus-opcua-past-{}-{name}", std::process::id());
+            let folder = std::env::temp_dir().join(unique);
+            std::fs::create_dir_all(&folder).unwrap();
+            let history = History::open(&folder, Keep::default()).unwrap();
+            for nth in [0, 2, 3, 5, 6] {
+                let sample = Sample {
+                    t: minute(nth),
+                    value: Some(1.0),
+                    grade: SampleQuality::Good,
+                };
+                assert!(history.sample("oven.k1".into(), sample));
+            }
+            Minutes(history, folder)
+        }
+
+        /// The minutes of the values on each page; `None` for a bound that there is not.
+        async fn read(
+            &self,
+            (from, to): (i64, i64),
+            most: u32,
+            bounds: bool,
+        ) -> Vec<Vec<Option<i64>>> {
+            let mut span = asked(Some(minute(from)), Some(minute(to)), most).unwrap();
+            if bounds {
+                span = bounded(&self.0, "oven.k1", span).await.unwrap();
+            }
+            let (mut pages, mut next) = (Vec::new(), Some(span));
+            while let Some(asked) = next {
+                let kept;
+                (kept, next) = page(&self.0, "oven.k1", asked).await.unwrap();
+                let of = |kept: &Kept| kept.ok().map(|kept| (kept.t - minute(0)) / 60_000);
+                pages.push(kept.iter().map(of).collect());
+            }
+            pages
+        }
+    }
+
+    impl Drop for Minutes {
+        fn drop(&mut self) {
+            let _ = std::fs::remove_dir_all(&self.1);
+        }
+    }
+
     #[tokio::test]
     async fn pages_have_every_value_once_and_none_is_empty() {
-        let unique = format!("railbus-opcua-past-{}", std::process::id());
-        let folder = std::env::temp_dir().join(unique);
-        std::fs::create_dir_all(&folder).unwrap();
-        let history = History::open(&folder, Keep::default()).unwrap();
-        let now = millis(SystemTime::now());
-        let times: Vec<i64> = (0..4).map(|nth| now - 1_000 + nth).collect();
-        for &t in &times {
-            let sample = Sample {
-                t,
-                value: Some(1.0),
-                grade: SampleQuality::Good,
-            };
-            assert!(history.sample("oven.k1".into(), sample));
+        let kept = Minutes::new("pages");
+        let [n0, n2, n3, n5] = [0, 2, 3, 5].map(Some);
+        assert_eq!(kept.read((0, 6), 2, false).await, [[n0, n2], [n3, n5]]);
+        assert_eq!(kept.read((5, -1), 2, false).await, [[n5, n3], [n2, n0]]);
+        let pages = [vec![None], vec![n0], vec![n2]];
+        assert_eq!(kept.read((-1, 2), 1, true).await, pages);
+        let last = kept.read((6, 7), 1, true).await;
+        assert_eq!(last, [[Some(6)], [None]]);
+    }
+
+    #[tokio::test]
+    async fn a_span_has_the_bounds_of_the_published_table() {
+        // [OPC UA part 11, 4.4, table 1]: values at 5:00, 5:02, 5:03, 5:05 and 5:06.
+        let kept = Minutes::new("bounds");
+        let [n0, n2, n3, n5, n6] = [0, 2, 3, 5, 6].map(Some);
+        for (span, bounds, values) in [
+            ((0, 5), true, vec![n0, n2, n3, n5]),
+            ((0, 5), false, vec![n0, n2, n3]),
+            ((1, 4), true, vec![n0, n2, n3, n5]),
+            ((1, 4), false, vec![n2, n3]),
+            ((5, 0), true, vec![n5, n3, n2, n0]),
+            ((5, 0), false, vec![n5, n3, n2]),
+            ((4, 1), true, vec![n5, n3, n2, n0]),
+            ((4, 1), false, vec![n3, n2]),
+            ((-1, 5), true, vec![None, n0, n2, n3, n5]),
+            ((-1, 5), false, vec![n0, n2, n3]),
+            ((1, 7), true, vec![n0, n2, n3, n5, n6, None]),
+            ((1, 7), false, vec![n2, n3, n5, n6]),
+            ((7, 1), true, vec![None, n6, n5, n3, n2, n0]),
+            ((3, 3), true, vec![n3]),
+        ] {
+            let pages = kept.read(span, 0, bounds).await;
+            assert_eq!(pages, [values], "{span:?}, {bounds}");
         }
-        for is_reverse in [false, true] {
-            let mut next = Some(HistorySpan {
-                from: times[0],
-                to: times[3] + 1,
-                is_reverse,
-                most: Some(2),
-            });
-            let mut pages = Vec::new();
-            while let Some(asked) = next {
-                let samples;
-                (samples, next) = piece(&history, "oven.k1", asked).await.unwrap();
-                pages.push(samples.iter().map(|sample| sample.t).collect::<Vec<_>>());
-            }
-            let mut expected = times.clone();
-            if is_reverse {
-                expected.reverse();
-            }
-            assert_eq!(pages, [&expected[..2], &expected[2..]], "{is_reverse}");
-        }
-        std::fs::remove_dir_all(folder).unwrap();
     }
 
     #[test]
