@@ -448,8 +448,9 @@ def kept(s):
         s.check(entry, s.write("oven.k8", value), GOOD, "a change")
     until_then = int(time.time() * 1000) + 1
 
-    def asked(since, to, most=0, pages=1000):
-        order = {"node": "oven.k8", "from": since, "to": to, "most": most, "pages": pages}
+    def asked(since, to, most=0, pages=1000, bounds=False):
+        order = {"node": "oven.k8", "from": since, "to": to, "most": most, "pages": pages,
+                 "bounds": bounds}
         return s.peer.ask("history", **{"as": "li"}, **order)
 
     values = lambda found: [said(each) for page in found["pages"] for each in page]
@@ -475,6 +476,11 @@ def kept(s):
     s.check(entry, inner(asked(times[2], times[2])), [times[2]], "one moment")
     s.check(entry, inner(asked(times[2], None, 2, 1)), times[2:4], "from there on")
     s.check(entry, inner(asked(None, times[2], 2, 1)), times[2:0:-1], "back from there")
+    between = (times[1] + 1, times[3] - 1)
+    s.check(entry, inner(asked(*between, bounds=True)), times[1:4], "with bounds")
+    s.check(entry, inner(asked(*between[::-1], bounds=True)), times[3:0:-1], "backwards, with them")
+    last = asked(times[5], until_then, bounds=True)
+    s.check(entry, values(last), [(GOOD, False), ("BadBoundNotFound", None)], "none at the end")
     later = asked(until_then + 1000, until_then + 2000)
     s.check(entry, (later["status"], values(later)), ("GoodNoData", []), "nothing")
     s.check(entry, asked(since, None)["status"], "BadInvalidArgument", "no end and no number")
