@@ -204,7 +204,7 @@ def called(s, li):
     for arguments, want in (
         (("oven", "Toggle", "k9"), UNKNOWN), (("oven", "Toggle", "k6"), "BadNotWritable"),
         (("oven", "Toggle", 5), "BadInvalidArgument"),
-        (("oven", "Pulse", "k1"), "BadInvalidArgument"),
+        (("oven", "Pulse", "k1"), "BadArgumentsMissing"),
         (("oven", "Pulse", "k7", width), "BadInvalidState"),
         (("hall", "Toggle", "di0"), "BadNotWritable"), (("oven", "Nothing"), "BadMethodInvalid"),
         (("oven", "AllOff"), "BadInvalidState"),
@@ -275,7 +275,9 @@ def kept(s):
         s.check(entry, values(end, began, 3), want[::-1], "three at a time, backward")
         s.check(entry, values(began, None, 2, pages=1), want[:2], "the first two")
         s.check(entry, values(None, end, 2, pages=1), want[::-1][:2], "the last two")
-        s.check(entry, values(began, end, 0, True), [(GOOD, False), *want], "with the one before")
+        without = ("BadBoundNotFound", None)
+        bounds = [(GOOD, False), *want, without]
+        s.check(entry, values(began, end, 0, True), bounds, "with what it lies between")
         times = [each[2] for each in li.history("oven.k8", began, end)]
         s.check(entry, times, sorted(times), "times")
         nothing = values(end, end + datetime.timedelta(hours=1))
