@@ -23,6 +23,8 @@ pub(crate) const OWN_CERT: &str = "own/cert.der";
 pub(crate) const OWN_KEY: &str = "private/private.pem";
 const TRUSTED: &str = "trusted";
 const REJECTED: &str = "rejected";
+/// Ours: those that the library rejected, and that were told.
+const SEEN: &str = "seen";
 
 /// The SHA-1 of a certificate, by which clients and servers name it: 40 hexadecimal digits.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -76,7 +78,7 @@ impl Certificates {
     ) -> io::Result<Certificates> {
         let mut builder = DirBuilder::new();
         builder.recursive(true).mode(0o700);
-        for part in ["own", "private", TRUSTED, REJECTED] {
+        for part in ["own", "private", TRUSTED, REJECTED, SEEN] {
             builder.create(folder.join(part))?;
         }
         fs::set_permissions(folder, Permissions::from_mode(0o700))?;
@@ -121,36 +123,42 @@ impl Certificates {
         fs::set_permissions(&key, Permissions::from_mode(0o600))
     }
 
-    /// Makes the folders agree with what is trusted, and keeps them small.
-    pub(crate) fn sort(&self) {
-        for (folder, other, belongs) in [(REJECTED, TRUSTED, false), (TRUSTED, REJECTED, true)] {
+    /// Makes the folders agree with what is trusted, and keeps them small. The clients that were
+    /// turned away since the last time, the newest last.
+    pub(crate) fn sort(&self) -> Vec<UnknownCertificate> {
+        let mut unknown = Vec::new();
+        for folder in [REJECTED, SEEN, TRUSTED] {
             for (path, certificate) in self.files(folder) {
-                let is_trusted = self.trusted.contains(&Thumbprint::of(&certificate));
-                if is_trusted != belongs
-                    && let Some(name) = path.file_name()
-                {
-                    // Where it fails, it stays as it is, and is not trusted without being in both.
-                    let _ = fs::rename(&path, self.folder.join(other).join(name));
+                let thumbprint = Thumbprint::of(&certificate);
+                let belongs = match self.trusted.contains(&thumbprint) {
+                    true => TRUSTED,
+                    // Out of the library's way, which would not tell of another try.
+                    false => SEEN,
+                };
+                if belongs == SEEN && folder == REJECTED {
+                    unknown.push(UnknownCertificate {
+                        thumbprint,
+                        subject: certificate.subject_name(),
+                    });
+                }
+                if belongs == folder {
+                    continue;
+                }
+                let name = path.file_name().unwrap_or_default();
+                let moved = fs::rename(&path, self.folder.join(belongs).join(name));
+                // Whoever is in the folder of those is trusted.
+                if moved.is_err() && folder == TRUSTED {
+                    let _ = fs::remove_file(&path);
                 }
             }
         }
-        let mut files: Vec<(SystemTime, PathBuf)> = self.paths(REJECTED);
+        let mut files: Vec<(SystemTime, PathBuf)> = self.paths(SEEN);
         files.sort();
         let many = files.len().saturating_sub(UNKNOWN_MAX);
         for (_, path) in files.into_iter().take(many) {
             let _ = fs::remove_file(path);
         }
-    }
-
-    /// The clients that were turned away, the newest last.
-    pub(crate) fn unknown(&self) -> Vec<UnknownCertificate> {
-        let files = self.files(REJECTED).into_iter();
-        files
-            .map(|(_, certificate)| UnknownCertificate {
-                thumbprint: Thumbprint::of(&certificate),
-                subject: certificate.subject_name(),
-            })
-            .collect()
+        unknown
     }
 
     /// The certificates of a folder, by their age.
@@ -236,7 +244,7 @@ mod tests {
         let certificates = folder.open(&[], "urn:here:railbus:a");
         let client = folder.own();
         folder.reject(&client, "client.der");
-        let [unknown] = &certificates.unknown()[..] else {
+        let [unknown] = &certificates.sort()[..] else {
             panic!("one is not known");
         };
         assert_eq!(unknown.thumbprint.as_str().len(), 40);
@@ -245,14 +253,15 @@ mod tests {
             std::slice::from_ref(&unknown.thumbprint),
             "urn:here:railbus:a",
         );
-        assert_eq!((folder.has(TRUSTED), folder.has(REJECTED)), (1, 0));
-        assert_eq!(trusted.unknown(), []);
-        folder.open(&[], "urn:here:railbus:a");
-        assert_eq!(
-            (folder.has(TRUSTED), folder.has(REJECTED)),
-            (0, 1),
-            "no longer"
-        );
+        let has = || [TRUSTED, REJECTED, SEEN].map(|part| folder.has(part));
+        assert_eq!(has(), [1, 0, 0]);
+        assert_eq!(trusted.sort(), []);
+        let nobody = folder.open(&[], "urn:here:railbus:a");
+        assert_eq!(has(), [0, 0, 1], "no longer");
+        assert_eq!(nobody.sort(), [], "it was not turned away since");
+        // The library tells of it again.
+        folder.reject(&client, "client.der");
+        assert_eq!(nobody.sort().len(), 1, "it tries once more");
     }
 
     #[test]
@@ -270,9 +279,9 @@ mod tests {
         }
         folder.reject(b"no certificate", "x.der");
         certificates.sort();
-        assert_eq!(folder.has(REJECTED), UNKNOWN_MAX);
-        let oldest = folder.0.join(REJECTED).join("04.der");
-        assert!(!oldest.exists() && folder.0.join(REJECTED).join("05.der").exists());
+        assert_eq!((folder.has(REJECTED), folder.has(SEEN)), (0, UNKNOWN_MAX));
+        let seen = |name| folder.0.join(SEEN).join(name).exists();
+        assert!(!seen("04.der") && seen("05.der"));
     }
 
     #[test]

@@ -35,9 +35,17 @@ fn has_filter(item: &CreateMonitoredItem) -> bool {
     format!("{:?}", item.filter()).starts_with("DataChangeFilter(")
 }
 
+/// How many items may be created before everything begins anew: the library forgets neither those
+/// of subscriptions that end nor says that they do.
+pub(crate) const CREATED_MAX: usize = 100_000;
+
 /// The monitored items of all clients.
 #[derive(Debug, Default)]
-pub(crate) struct Items(HashMap<MonitoredItemHandle, ItemNeeds>);
+pub(crate) struct Items {
+    needs: HashMap<MonitoredItemHandle, ItemNeeds>,
+    /// How many there were in all.
+    created: usize,
+}
 
 impl Items {
     /// A client asks for an item, which begins with this value.
@@ -50,22 +58,28 @@ impl Items {
             status: None,
             is_empty: false,
         };
-        self.0.insert(item.handle(), needs);
+        self.needs.insert(item.handle(), needs);
+        self.created = self.created.saturating_add(1);
         let value = self.shaped(item.handle(), value);
         item.set_initial_value(value);
         item.set_status(StatusCode::Good);
     }
 
+    /// Whether there were too many of them.
+    pub(crate) const fn are_too_many(&self) -> bool {
+        self.created >= CREATED_MAX
+    }
+
     /// A client changed an item: its filter can't be seen, and its interval not be set.
     pub(crate) fn modified(&mut self, handle: MonitoredItemHandle) {
-        if let Some(needs) = self.0.get_mut(&handle) {
+        if let Some(needs) = self.needs.get_mut(&handle) {
             (needs.sees_status, needs.keeps_time) = (false, false);
         }
     }
 
     /// An item is no more.
     pub(crate) fn deleted(&mut self, handle: MonitoredItemHandle) {
-        self.0.remove(&handle);
+        self.needs.remove(&handle);
     }
 
     /// A value as this item is told it.
@@ -74,7 +88,7 @@ impl Items {
         handle: MonitoredItemHandle,
         mut value: DataValue,
     ) -> DataValue {
-        let Some(needs) = self.0.get_mut(&handle) else {
+        let Some(needs) = self.needs.get_mut(&handle) else {
             return DataValue {
                 source_timestamp: None,
                 ..value
@@ -88,6 +102,8 @@ impl Items {
         }
         needs.status = value.status;
         // An earlier time than the last one, after the clock was set back, would be held up too.
+        // The library may not take what comes without a time for news: it compares with the last
+        // time that was told.
         let is_later = match (needs.last, value.source_timestamp) {
             (Some(last), Some(time)) => time >= last,
             _ => true,
@@ -95,7 +111,7 @@ impl Items {
         if !needs.keeps_time || !is_later {
             value.source_timestamp = None;
         }
-        needs.last = value.source_timestamp;
+        needs.last = value.source_timestamp.or(needs.last);
         value
     }
 }
@@ -117,7 +133,10 @@ mod tests {
             status: None,
             is_empty: false,
         };
-        Items(HashMap::from([(HANDLE, needs)]))
+        Items {
+            needs: HashMap::from([(HANDLE, needs)]),
+            created: 1,
+        }
     }
 
     fn at(ticks: i64) -> DateTime {
@@ -172,7 +191,8 @@ mod tests {
         assert_eq!(time(20), Some(at(20)));
         assert_eq!(time(20), Some(at(20)), "the same reading, stale by now");
         assert_eq!(time(10), None, "the clock was set back");
-        assert_eq!(time(11), Some(at(11)));
+        assert_eq!(time(11), None, "still before what the library goes by");
+        assert_eq!(time(20), Some(at(20)));
         let mut held_up = items(true, false);
         let first = held_up.shaped(HANDLE, value(STALE, 20));
         assert_eq!(first.source_timestamp, None);

@@ -194,7 +194,6 @@ impl KnownSite {
         let plain = |value: Variant| DataValue {
             value: Some(value),
             status: Some(StatusCode::Good),
-            source_timestamp: self.at.map(time),
             server_timestamp: Some(now),
             ..DataValue::default()
         };

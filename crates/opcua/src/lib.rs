@@ -25,4 +25,4 @@ mod units;
 
 pub use certificates::{Thumbprint, UnknownCertificate};
 pub use login::{ANONYMOUS, OpcuaUser, OpcuaUsers, SignIn};
-pub use server::{OpcuaError, OpcuaServer, OpcuaSetup, TurnedAway};
+pub use server::{OpcuaEnd, OpcuaError, OpcuaServer, OpcuaSetup, TurnedAway};

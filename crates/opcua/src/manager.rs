@@ -9,8 +9,6 @@ use crate::server::Sync;
 use crate::space::{NAMESPACE, SpaceMaker};
 use crate::status::OrderEnd;
 use async_trait::async_trait;
-use opcua::server::CreateMonitoredItem;
-use opcua::server::SubscriptionCache;
 use opcua::server::address_space::AddressSpace;
 use opcua::server::diagnostics::NamespaceMetadata;
 use opcua::server::node_manager::memory::{
@@ -20,17 +18,22 @@ use opcua::server::node_manager::{
     HistoryNode, MethodCall, MonitoredItemRef, MonitoredItemUpdateRef, ParsedReadValueId,
     RequestContext, ServerContext, WriteNode,
 };
+use opcua::server::{CreateMonitoredItem, MonitoredItemHandle, SubscriptionCache};
 use opcua::sync::RwLock;
 use opcua::types::{
-    AttributeId, DataValue, DiagnosticBits, DiagnosticInfo, Identifier, NodeId, StatusCode,
-    TimestampsToReturn, Variant,
+    AttributeId, DataValue, DiagnosticBits, DiagnosticInfo, Identifier, MonitoringMode, NodeId,
+    StatusCode, TimestampsToReturn, Variant,
 };
-use railbus_site::{Config, News, Service, Within};
+use railbus_site::{Config, News, Service, WITHIN_MIN, Within};
 use railbus_store::audit::Origin;
+use railbus_wire::Micros;
 use railbus_words::Lang;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use tokio::sync::{Semaphore, mpsc, oneshot};
+use std::time::Duration;
+use tokio::sync::{Notify, OwnedSemaphorePermit, Semaphore, mpsc, oneshot};
 use tokio::task::JoinSet;
+use tokio::time::Instant;
 
 /// How many commands may be under way; more are refused.
 const COMMANDS_MAX: usize = 64;
@@ -44,18 +47,38 @@ pub(crate) struct Shared {
     /// What commands come by, as logs have it.
     pub(crate) via: String,
     pub(crate) lang: Lang,
-    pub(crate) within: Within,
+    pub(crate) within: Micros,
     pub(crate) sync: mpsc::Sender<Sync>,
+    /// There were so many monitored items that the library has to begin anew.
+    pub(crate) is_worn: Notify,
+    /// Nothing more is begun.
+    pub(crate) has_ended: AtomicBool,
     known: Mutex<KnownSite>,
     items: Mutex<Items>,
     commands: Arc<Semaphore>,
+}
+
+/// Who asks for commands with one request, until when they must be sent, and what names stood for
+/// when it came.
+#[derive(Clone)]
+struct Asker {
+    identity: String,
+    until: Instant,
+    since: Arc<Config>,
+}
+
+/// What a command of a request gets when its turn has come.
+struct Turn {
+    service: Service,
+    within: Within,
+    _permit: OwnedSemaphorePermit,
 }
 
 impl Shared {
     pub(crate) fn new(
         (service, users): (Service, Arc<dyn OpcuaUsers>),
         (site, via): (String, String),
-        (lang, within): (Lang, Within),
+        (lang, within): (Lang, Micros),
         sync: mpsc::Sender<Sync>,
         known: KnownSite,
     ) -> Shared {
@@ -67,6 +90,8 @@ impl Shared {
             lang,
             within,
             sync,
+            is_worn: Notify::new(),
+            has_ended: AtomicBool::new(false),
             known: Mutex::new(known),
             items: Mutex::default(),
             commands: Arc::new(Semaphore::new(COMMANDS_MAX)),
@@ -106,6 +131,37 @@ impl Shared {
                 }
             }
         }
+    }
+
+    /// Who asks, with a request that came now.
+    fn asker(&self, context: &RequestContext, since: &Arc<Config>) -> Asker {
+        Asker {
+            identity: context.user_token().0.clone(),
+            until: Instant::now() + Duration::from_micros(self.within.0),
+            since: Arc::clone(since),
+        }
+    }
+
+    /// The turn of a command of a request: in the name of the account as it is now, and not later
+    /// than it was meant.
+    fn turn(&self, asker: &Asker) -> Result<Turn, StatusCode> {
+        if self.has_ended.load(Relaxed) {
+            return Err(StatusCode::BadShutdown);
+        }
+        let user = self.users.user(&asker.identity);
+        let user = user.ok_or(StatusCode::BadUserAccessDenied)?;
+        let left = asker.until.saturating_duration_since(Instant::now());
+        if left.is_zero() {
+            return Err(StatusCode::BadTimeout);
+        }
+        let left = u64::try_from(left.as_micros()).unwrap_or(u64::MAX);
+        let within = Within::new(Micros(left).max(WITHIN_MIN)).unwrap_or_default();
+        let permit = Arc::clone(&self.commands).try_acquire_owned();
+        Ok(Turn {
+            service: self.service_of(&user),
+            within,
+            _permit: permit.map_err(|_| StatusCode::BadResourceUnavailable)?,
+        })
     }
 
     /// The user of a request; none where it may not do anything any more.
@@ -213,20 +269,43 @@ impl SiteManager {
     /// Carries out the writes to one module, one after the other.
     async fn carry_out(
         shared: Arc<Shared>,
-        (service, since): (Service, Arc<Config>),
+        asker: Asker,
         writes: Vec<ModuleWrite>,
     ) -> Vec<(Vec<usize>, OrderEnd)> {
         let mut ends = Vec::new();
         for write in writes {
-            let Ok(_turn) = Arc::clone(&shared.commands).try_acquire_owned() else {
-                let refused = OrderEnd::refused(StatusCode::BadResourceUnavailable);
-                ends.push((write.places, refused));
-                continue;
+            let end = match shared.turn(&asker) {
+                Ok(turn) => orders::write(&turn.service, &asker.since, &write, turn.within).await,
+                Err(status) => OrderEnd::refused(status),
             };
-            let end = orders::write(&service, &since, &write, shared.within).await;
             ends.push((write.places, end));
         }
         ends
+    }
+
+    /// Tells items their present value once more, whatever the library takes for the last one.
+    fn refresh(&self, context: &RequestContext, items: &[(MonitoredItemHandle, &NodeId)]) {
+        {
+            let mut notifier = context.subscriptions.data_notifier();
+            for (handle, id) in items {
+                let Some(mut watched) = notifier.notify_for(*id, AttributeId::Value) else {
+                    continue;
+                };
+                if let Some(value) = self.value(id) {
+                    let value = self.shared.items().shaped(*handle, value);
+                    watched.data_value_to_item(value, handle);
+                }
+            }
+        }
+        let session = context.session_id();
+        if let Some(subscriptions) = context.subscriptions.get_session_subscriptions(session) {
+            let mut subscriptions = subscriptions.lock();
+            for (handle, _) in items {
+                if let Some(subscription) = subscriptions.get_mut(handle.subscription_id) {
+                    subscription.set_resend_data();
+                }
+            }
+        }
     }
 
     /// The module and the method of a call.
@@ -237,10 +316,7 @@ impl SiteManager {
         Some((module, method))
     }
 
-    async fn call_one(&self, user: Option<&OpcuaUser>, call: &MethodCall) -> CallEnd {
-        let Some(user) = user else {
-            return CallEnd::Ended(OrderEnd::refused(StatusCode::BadUserAccessDenied));
-        };
+    async fn call_one(&self, asker: &Asker, call: &MethodCall) -> CallEnd {
         let Some((module, method)) = self.method(call) else {
             return CallEnd::Ended(OrderEnd::refused(StatusCode::BadMethodInvalid));
         };
@@ -251,11 +327,15 @@ impl SiteManager {
             }
             Err(why) => return CallEnd::WrongArguments(why),
         };
-        let Ok(_turn) = Arc::clone(&self.shared.commands).try_acquire_owned() else {
-            return CallEnd::Ended(OrderEnd::refused(StatusCode::BadResourceUnavailable));
+        let turn = match self.shared.turn(asker) {
+            Ok(turn) => turn,
+            Err(status) => return CallEnd::Ended(OrderEnd::refused(status)),
         };
-        let service = self.shared.service_of(user);
-        let end = orders::call(&service, module, order, self.shared.within).await;
+        // What the name stood for may be another board by now.
+        if !Arc::ptr_eq(&turn.service.config(), &asker.since) {
+            return CallEnd::Ended(OrderEnd::refused(StatusCode::BadOutOfService));
+        }
+        let end = orders::call(&turn.service, module, order, turn.within).await;
         CallEnd::Ended(end)
     }
 }
@@ -345,12 +425,41 @@ impl InMemoryNodeManagerImpl for SiteManager {
                 _ => self.shared.items().created(item, value),
             }
         }
+        if self.shared.items().are_too_many() {
+            self.shared.is_worn.notify_one();
+        }
     }
 
-    async fn modify_monitored_items(&self, _: &RequestContext, items: &[&MonitoredItemUpdateRef]) {
+    async fn set_monitoring_mode(
+        &self,
+        context: &RequestContext,
+        mode: MonitoringMode,
+        items: &[&MonitoredItemRef],
+    ) {
+        // While it was disabled, nothing was told.
+        if mode != MonitoringMode::Disabled {
+            let items: Vec<_> = items
+                .iter()
+                .map(|item| (item.handle(), item.node_id()))
+                .collect();
+            self.refresh(context, &items);
+        }
+    }
+
+    async fn modify_monitored_items(
+        &self,
+        context: &RequestContext,
+        items: &[&MonitoredItemUpdateRef],
+    ) {
         for item in items {
             self.shared.items().modified(item.handle());
         }
+        // A shorter queue may have lost its newest value.
+        let items: Vec<_> = items
+            .iter()
+            .map(|item| (item.handle(), item.node_id()))
+            .collect();
+        self.refresh(context, &items);
     }
 
     async fn delete_monitored_items(&self, _: &RequestContext, items: &[&MonitoredItemRef]) {
@@ -390,10 +499,10 @@ impl InMemoryNodeManagerImpl for SiteManager {
         }
         // What is begun goes on also where the client goes.
         let mut commands = JoinSet::new();
+        let asker = self.shared.asker(context, &since);
         for writes in orders::commands(outputs) {
-            let (shared, since) = (Arc::clone(&self.shared), Arc::clone(&since));
-            let service = self.shared.service_of(&user);
-            commands.spawn(Self::carry_out(shared, (service, since), writes));
+            let shared = Arc::clone(&self.shared);
+            commands.spawn(Self::carry_out(shared, asker.clone(), writes));
         }
         let ends = commands.join_all().await;
         self.shared.synced().await;
@@ -416,9 +525,10 @@ impl InMemoryNodeManagerImpl for SiteManager {
         _: &RwLock<AddressSpace>,
         calls: &mut [&mut &mut MethodCall],
     ) -> Result<(), StatusCode> {
-        let user = self.shared.user(context);
+        let since = Arc::clone(self.shared.known().config());
+        let asker = self.shared.asker(context, &since);
         for call in calls {
-            match self.call_one(user.as_ref(), call).await {
+            match self.call_one(&asker, call).await {
                 CallEnd::Ended(end) => {
                     if let Some(more) = diagnostics(call.diagnostic_bits(), &end) {
                         call.set_diagnostic_info(more);

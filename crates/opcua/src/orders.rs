@@ -171,7 +171,7 @@ pub(crate) async fn call(
             let done = service.pulse_labelled((module, &label), pulse).await;
             match done {
                 Ok(done) => OrderEnd::done(done.confirmed, &done.audit),
-                Err(failure) => not_done(service, module, &failure, 1),
+                Err(failure) => not_done(service, module, &failure, false),
             }
         }
         MethodOrder::Toggle(label) => {
@@ -216,13 +216,13 @@ fn ended(
 ) -> OrderEnd {
     match done {
         Ok(done) => OrderEnd::done(done.confirmed, &done.audit),
-        Err(failure) => not_done(service, module, &failure, outputs),
+        Err(failure) => not_done(service, module, &failure, outputs == 1),
     }
 }
 
-fn not_done(service: &Service, module: &str, failure: &CommandError, outputs: usize) -> OrderEnd {
+fn not_done(service: &Service, module: &str, failure: &CommandError, tells: bool) -> OrderEnd {
     let problem = failures::problem(service, module, None, failure);
-    OrderEnd::not_done(failure, &problem.code, outputs)
+    OrderEnd::not_done(failure, &problem.code, tells)
 }
 
 #[cfg(test)]

@@ -8,7 +8,8 @@ use opcua::crypto::CertificateStore;
 use opcua::server::node_manager::memory::InMemoryNodeManagerBuilder;
 use opcua::server::{Limits, Server, ServerBuilder, ServerHandle, SubscriptionLimits};
 use opcua::types::{BuildInfo, DateTime};
-use railbus_site::{Follower, Service, Within};
+use railbus_site::{Follower, Service};
+use railbus_wire::Micros;
 use railbus_words::Lang;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
@@ -26,6 +27,9 @@ const SESSIONS_MAX: usize = 20;
 /// How many items a subscription may have, and how many values wait in each.
 const ITEMS_MAX: usize = 2_000;
 const QUEUE_MAX: usize = 100;
+/// How many messages of a subscription may wait to be fetched; the library drops the oldest without
+/// a word.
+const MESSAGES_MAX: usize = 100;
 /// How often the library looks whether a subscription has something to tell, in milliseconds, and
 /// so the shortest time between two messages of one.
 const TICK_MS: u64 = 50;
@@ -68,7 +72,26 @@ pub struct OpcuaSetup {
     /// The modules that are shown; empty for all.
     pub modules: Vec<String>,
     /// A command must be sent within this time.
-    pub within: Within,
+    pub within: Micros,
+}
+
+/// Why a server has ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum OpcuaEnd {
+    /// The site is gone.
+    SiteGone,
+    /// It had so many monitored items that it has to begin anew: the library keeps what was of
+    /// them.
+    Worn,
+}
+
+/// Ends what was asked of a server with it.
+struct Ending(Arc<Shared>);
+
+impl Drop for Ending {
+    fn drop(&mut self) {
+        self.0.has_ended.store(true, Relaxed);
+    }
 }
 
 /// Why there is no server.
@@ -105,12 +128,11 @@ impl std::fmt::Debug for OpcuaServer {
 pub struct TurnedAway(Arc<Certificates>);
 
 impl TurnedAway {
-    /// Those whose certificates are not trusted, the newest last. Those that are trusted by now are
-    /// let in from here on.
+    /// Those whose certificates are not trusted since this was asked last, the newest last. Those
+    /// that are trusted by now are let in from here on.
     #[must_use]
     pub fn unknown(&self) -> Vec<UnknownCertificate> {
-        self.0.sort();
-        self.0.unknown()
+        self.0.sort()
     }
 }
 
@@ -194,11 +216,12 @@ impl OpcuaServer {
         TurnedAway(Arc::clone(&self.certificates))
     }
 
-    /// Serves until the site is gone. It stops where this is dropped.
+    /// Serves until the site is gone, or it has to begin anew. It stops where this is dropped: what
+    /// its clients have asked for and is not begun is not begun any more.
     ///
     /// # Errors
     /// Why it can't go on.
-    pub async fn run(self) -> Result<(), String> {
+    pub async fn run(self) -> Result<OpcuaEnd, String> {
         let OpcuaServer {
             server,
             handle,
@@ -213,6 +236,7 @@ impl OpcuaServer {
         let nodes = nodes.ok_or("our nodes are not there")?;
         let info = Arc::clone(handle.info());
         let subscriptions = Arc::clone(handle.subscriptions());
+        let _ending = Ending(Arc::clone(&shared));
         let mut serving = pin!(server.run_with(listener));
         let follow = async {
             // The library tells clients the port that it listens at, once it does.
@@ -239,8 +263,9 @@ impl OpcuaServer {
         };
         tokio::select! {
             biased;
-            end = &mut serving => end,
-            () = follow => Ok(()),
+            end = &mut serving => end.map(|()| OpcuaEnd::SiteGone),
+            () = follow => Ok(OpcuaEnd::SiteGone),
+            () = shared.is_worn.notified() => Ok(OpcuaEnd::Worn),
         }
     }
 }
@@ -253,6 +278,8 @@ fn limits() -> Limits {
         min_publishing_interval_ms: TICK_MS as f64,
         max_monitored_items_per_sub: ITEMS_MAX,
         max_monitored_item_queue_size: QUEUE_MAX,
+        // A subscription whose client takes few values at a time needs many messages.
+        max_queued_notifications: MESSAGES_MAX,
         max_subscriptions_per_session: 10,
         ..SubscriptionLimits::default()
     };

@@ -50,10 +50,10 @@ impl OrderEnd {
         }
     }
 
-    /// It was not done, or not surely. A command of several outputs is one that may have acted
-    /// where one of them was read back otherwise: others may have been switched.
-    pub(crate) fn not_done(failure: &CommandError, code: &str, outputs: usize) -> OrderEnd {
-        let is_known = matches!(failure, CommandError::Line(Fault::NotVerified)) && outputs == 1;
+    /// It was not done, or not surely. `tells`: an output that was read back otherwise says that it
+    /// did not act. Of several, others may have been switched, and a pulse may be over by then.
+    pub(crate) fn not_done(failure: &CommandError, code: &str, tells: bool) -> OrderEnd {
+        let is_known = tells && matches!(failure, CommandError::Line(Fault::NotVerified));
         let (status, end) = match failure.may_have_acted() && !is_known {
             true => (StatusCode::Uncertain, "unknown"),
             false => (of_failure(failure), "failed"),
@@ -155,53 +155,58 @@ mod tests {
         };
         let lost = || Fault::NoReply(Evidence::default());
         let (unsure, failed) = ("unknown", "failed");
-        for (failure, outputs, status, end) in [
-            (CommandError::Line(lost()), 1, StatusCode::Uncertain, unsure),
+        for (failure, tells, status, end) in [
+            (
+                CommandError::Line(lost()),
+                true,
+                StatusCode::Uncertain,
+                unsure,
+            ),
             (
                 CommandError::NotRead(lost()),
-                1,
+                true,
                 StatusCode::BadNoCommunication,
                 failed,
             ),
             (
                 CommandError::Line(Fault::NotVerified),
-                1,
+                true,
                 StatusCode::BadDeviceFailure,
                 failed,
             ),
             (
                 CommandError::Line(Fault::NotVerified),
-                2,
+                false,
                 StatusCode::Uncertain,
                 unsure,
             ),
             (
                 CommandError::Line(Fault::Expired),
-                1,
+                true,
                 StatusCode::BadTimeout,
                 failed,
             ),
             (
                 CommandError::Line(Fault::OtherModel { sent: true }),
-                1,
+                true,
                 StatusCode::Uncertain,
                 unsure,
             ),
             (
                 CommandError::Locked(point),
-                1,
+                true,
                 StatusCode::BadNotWritable,
                 failed,
             ),
-            (CommandError::NotUndone, 1, StatusCode::Uncertain, unsure),
+            (CommandError::NotUndone, true, StatusCode::Uncertain, unsure),
             (
                 CommandError::Confirm(point),
-                1,
+                true,
                 StatusCode::BadInvalidState,
                 failed,
             ),
         ] {
-            let told = OrderEnd::not_done(&failure, "E0000", outputs);
+            let told = OrderEnd::not_done(&failure, "E0000", tells);
             assert_eq!((told.status, told.end), (status, end), "{failure}");
             assert!(!told.status.is_good(), "{failure}");
         }

@@ -217,14 +217,24 @@ impl Gate {
         address: IpAddr,
     ) -> Result<String, Problem> {
         let whose = [Who::Account(name.to_owned()), Who::address(address)];
-        self.take_try(&whose)?;
+        self.confirm_for(name, password, &whose).await
+    }
+
+    /// The same, with tries counted for these.
+    pub(super) async fn confirm_for(
+        &self,
+        name: &str,
+        password: Secret,
+        whose: &[Who],
+    ) -> Result<String, Problem> {
+        self.take_try(whose)?;
         let hashed = self.password_of(name);
         let is_right = self.hashers.is_right(password, hashed.clone()).await?;
         // The user may have been locked, or given a new password, in the meantime.
         let user = self.unlocked(name);
         let user = user.filter(|user| is_right && Some(&user.password) == hashed.as_ref());
         let user = user.ok_or_else(|| Problem::new(codes::WRONG_LOGIN))?;
-        self.forget_tries(&whose);
+        self.forget_tries(whose);
         Ok(user.logins)
     }
 

@@ -3,19 +3,18 @@
 
 use super::gate::Gate;
 use super::secret::{Secret, fingerprint, hex};
+use super::tries::Who;
 use jiff::Timestamp;
 use railbus_api::problem::Problem;
 use railbus_site::Rights;
-use std::net::{IpAddr, Ipv4Addr};
 
-/// Whose tries are counted where the address of a client is not known: all such clients together.
-const ANYWHERE: IpAddr = IpAddr::V4(Ipv4Addr::UNSPECIFIED);
 /// How many digits of a fingerprint tell one password of a user from the next.
 const TAG_LEN: usize = 16;
 
 impl Gate {
     /// Signs a client in: by a token as the password, whatever the name, or by the name of a user
-    /// and the password. It gets an identity, which stands for the account as it is now: with
+    /// and the password. Tries are limited for each account; where it comes from is not known. It
+    /// gets an identity, which stands for the account as it is now: with
     /// another password it is no one's any more.
     pub(crate) async fn sign_in(&self, name: &str, password: Secret) -> Result<String, Problem> {
         let now = Timestamp::now();
@@ -26,7 +25,9 @@ impl Gate {
         if let Some(token) = token {
             return Ok(token);
         }
-        let logins = self.confirm(name, password, ANYWHERE).await?;
+        // Many of them sign in again at the same time, after a loss.
+        let whose = [Who::Account(name.to_owned())];
+        let logins = self.confirm_for(name, password, &whose).await?;
         Ok(format!("user:{}:{name}", tag(&logins)))
     }
 

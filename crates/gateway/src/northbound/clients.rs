@@ -22,6 +22,9 @@ const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
 /// How long the test of a server waits.
 const TEST_MAX: Duration = Duration::from_secs(3);
 
+/// How much of a client's name there is in logs, in characters.
+const NAME_MAX: usize = 64;
+
 /// A listener and its clients, each of which is a task of its own. They end with it.
 #[derive(Debug)]
 pub(crate) struct Clients {
@@ -148,6 +151,18 @@ pub(crate) async fn reached(
     let said = timeout(TEST_MAX, ask(listen)).await;
     let said = said.unwrap_or_else(|_| Err(io::ErrorKind::TimedOut.into()));
     said.map_err(|error| not_listening(listen, error))
+}
+
+/// What a client says of itself, as it may stand in a log.
+pub(crate) fn plain(text: &str) -> String {
+    let is_shown = |letter: &char| !letter.is_control() && !is_direction(*letter);
+    let shown = text.chars().filter(is_shown);
+    shown.take(NAME_MAX).collect()
+}
+
+/// Whether a letter only says in which direction others are written, and could change what is read.
+const fn is_direction(letter: char) -> bool {
+    matches!(letter, '\u{200E}'..='\u{200F}' | '\u{202A}'..='\u{202E}' | '\u{2066}'..='\u{2069}')
 }
 
 #[cfg(test)]

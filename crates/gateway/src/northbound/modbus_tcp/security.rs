@@ -2,6 +2,7 @@
 
 use super::roles::{Roles, role_of};
 use super::settings::FILES;
+use crate::northbound::clients::plain;
 use jiff::Timestamp;
 use jiff::tz::TimeZone;
 use railbus_api::problem::{Problem, ProblemType as ProblemKind, codes};
@@ -30,8 +31,6 @@ const HANDSHAKE_MAX: Duration = Duration::from_secs(10);
 const UNSENT_MAX: usize = 8 * 1024;
 /// The largest file of certificates or of a key.
 const FILE_MAX: u64 = 256 * 1024;
-/// How much of a client's name there is in logs, in characters.
-const NAME_MAX: usize = 64;
 const SECONDS_A_DAY: i64 = 24 * 60 * 60;
 
 /// How clients are admitted over TLS.
@@ -143,12 +142,6 @@ impl Security {
             flaw,
         }
     }
-}
-
-/// What a client says of itself, as it may stand in a log.
-fn plain(text: &str) -> String {
-    let shown = text.chars().filter(|letter| !letter.is_control());
-    shown.take(NAME_MAX).collect()
 }
 
 /// Why a handshake failed.

@@ -3,14 +3,13 @@
 use super::relay::relay;
 use super::settings;
 use super::users::OutletUsers;
-use crate::northbound::clients::{self, Clients};
+use crate::northbound::clients::{self, Clients, plain};
 use crate::northbound::network;
 use crate::northbound::outlet::Outlet;
 use railbus_api::problem::{Problem, codes};
-use railbus_opcua::{OpcuaError, OpcuaServer, OpcuaSetup, TurnedAway};
-use railbus_site::Within;
+use railbus_opcua::{OpcuaEnd, OpcuaError, OpcuaServer, OpcuaSetup, TurnedAway};
 use railbus_wire::Micros;
-use std::cell::{Cell, RefCell};
+use std::cell::Cell;
 use std::io;
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -38,16 +37,15 @@ struct Door {
     /// Where the server takes them.
     server: SocketAddr,
     turned_away: TurnedAway,
-    /// The last one whose certificate is not trusted, and how many there were.
-    last: RefCell<String>,
+    /// How many came whose certificates are not trusted.
     count: Cell<u32>,
 }
 
 /// Why the server of the moment ends.
 enum Ended {
     Stopped,
-    /// Somebody who is signed in may do nothing any more.
-    Revoked,
+    /// Somebody who is signed in may do nothing any more, or it has grown too much.
+    Anew,
 }
 
 async fn serve(outlet: Outlet) -> Result<(), Problem> {
@@ -58,7 +56,7 @@ async fn serve(outlet: Outlet) -> Result<(), Problem> {
         match end {
             Ended::Stopped => return Ok(()),
             // The others connect again.
-            Ended::Revoked => {}
+            Ended::Anew => {}
         }
     }
 }
@@ -84,11 +82,9 @@ async fn serve_once(outlet: Outlet) -> Result<(Outlet, Ended), Problem> {
     let door = Rc::new(Door {
         server: inner,
         turned_away: server.turned_away(),
-        last: RefCell::default(),
         count: Cell::new(0),
         outlet,
     });
-    door.tell();
     let report = &door.outlet.report;
     let end = {
         let mut running = pin!(server.run());
@@ -98,10 +94,10 @@ async fn serve_once(outlet: Outlet) -> Result<(Outlet, Ended), Problem> {
             tokio::select! {
                 biased;
                 () = &mut stopped => break Ended::Stopped,
-                () = &mut revoked => break Ended::Revoked,
+                () = &mut revoked => break Ended::Anew,
                 end = &mut running => match end {
-                    // The site is gone.
-                    Ok(()) => break Ended::Stopped,
+                    Ok(OpcuaEnd::SiteGone) => break Ended::Stopped,
+                    Ok(OpcuaEnd::Worn) => break Ended::Anew,
                     Err(reason) => return Err(broken(reason)),
                 },
                 (stream, from) = clients.next() => {
@@ -141,14 +137,11 @@ impl Door {
         let Some(newest) = unknown.last() else {
             return;
         };
-        let thumbprint = newest.thumbprint.as_str();
-        if *self.last.borrow() == thumbprint {
-            return;
-        }
-        thumbprint.clone_into(&mut self.last.borrow_mut());
-        let count = self.count.get().saturating_add(1);
+        let more = u32::try_from(unknown.len()).unwrap_or(u32::MAX);
+        let count = self.count.get().saturating_add(more);
         self.count.set(count);
-        let reason = format!("{thumbprint} ({})", newest.subject);
+        let thumbprint = newest.thumbprint.as_str();
+        let reason = format!("{thumbprint} ({})", plain(&newest.subject));
         let problem = Problem::new(codes::CLIENT_UNTRUSTED).with("reason", reason);
         self.outlet.report.noted(problem, count);
     }
@@ -173,7 +166,7 @@ fn setup(outlet: &Outlet, listen: SocketAddr) -> OpcuaSetup {
         modules: modules
             .filter_map(|name| name.as_str().map(str::to_owned))
             .collect(),
-        within: Within::new(within).unwrap_or_default(),
+        within,
     }
 }
 
