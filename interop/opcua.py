@@ -197,8 +197,32 @@ class Session:
             self.node(name), ua.AttributeIds.Value, wanted, 100,
             ua.MonitoringMode.Reporting, interval) for name in names]
         created = self.do(subscription.create_monitored_items(items))
+        told.handles = {item: one.RequestedParameters.ClientHandle
+                        for item, one in zip(created, items) if isinstance(item, int)}
+        told.subscription, told.items = subscription.subscription_id, created
         told.refused = [name_of(each) for each in created if isinstance(each, ua.StatusCode)]
         return told
+
+    def mode(self, told, mode):
+        """Sets the mode of all items of a subscription."""
+        wanted = ua.SetMonitoringModeParameters()
+        wanted.SubscriptionId, wanted.MonitoringMode = told.subscription, mode
+        wanted.MonitoredItemIds = told.items
+        self.do(self.client.uaclient.set_monitoring_mode(wanted))
+
+    def shorten(self, told):
+        """Gives the items of a subscription a queue of one."""
+        wanted = ua.ModifyMonitoredItemsParameters()
+        wanted.SubscriptionId = told.subscription
+        for item in told.items:
+            one = ua.MonitoredItemModifyRequest()
+            one.MonitoredItemId = item
+            one.RequestedParameters.SamplingInterval = 0.0
+            one.RequestedParameters.QueueSize = 1
+            one.RequestedParameters.DiscardOldest = True
+            one.RequestedParameters.ClientHandle = told.handles[item]
+            wanted.ItemsToModify.append(one)
+        self.do(self.client.uaclient.modify_monitored_items(wanted))
 
     def history(self, name, since, until_time, most=0, bounds=False, pages=100):
         """Status and value of what was kept, in so many pages at most."""

@@ -5,6 +5,7 @@ import datetime
 import os
 import signal
 import socket
+import threading
 import time
 
 from asyncua import ua
@@ -27,6 +28,7 @@ def suite():
             read(s, li)
             watched(s, li)
             stale(s, li)
+            paused(s, li)
             written(s, li)
             called(s, li)
         rights(s)
@@ -145,6 +147,24 @@ def stale(s, li):
         s.check(entry, set(aged) <= set(good) | {aged[0]}, True, "that of the reading")
     until(lambda: li.read("yard.k1")[0] == STALE)
     s.check("read: stale", li.read("yard.k1")[:2], (STALE, False), "the last value, as such")
+
+
+def paused(s, li):
+    """An item that was told nothing for a while is told how it is."""
+    entry = "watch: after a pause"
+    told = li.watch("oven.k3", filtered=True)
+    s.told(entry, told, "oven.k3", (GOOD, False), "before")
+    li.mode(told, ua.MonitoringMode.Disabled)
+    s.check(entry, li.write("oven.k3", True), GOOD, "meanwhile")
+    li.mode(told, ua.MonitoringMode.Reporting)
+    s.told(entry, told, "oven.k3", (GOOD, True), "enabled again")
+    entry = "watch: a shorter queue"
+    slow = li.watch("oven.k3", filtered=True, period=3000)
+    s.told(entry, slow, "oven.k3", (GOOD, True), "before")
+    for on in (False, True, False):
+        s.check(entry, li.write("oven.k3", on), GOOD, "more than one waits")
+    li.shorten(slow)
+    s.told(entry, slow, "oven.k3", (GOOD, False), "the newest")
 
 
 def written(s, li):
@@ -423,8 +443,19 @@ def revoked(s):
     li = s.session()
     told = li.watch("oven.k2")
     s.told(entry, told, "oven.k2", (GOOD, False), "before")
+    # Many commands of one request are under way when the account is locked.
+    writes = [("oven.k4", nth % 2 == 0) for nth in range(2000)]
+    busy = threading.Thread(target=lambda: failed(lambda: li.statuses(writes)))
+    busy.start()
+    until(lambda: s.sim.outputs("oven")[3] == 1)
     s.ask("PATCH", "/users/li", {"locked": True})
+    busy.join()
     until(lambda: s.outlet()["clients"] == 0)
+    whose = lambda: [each["id"] for each in s.ask("GET", "/audit")["items"]
+                     if each["who"] == "li"]
+    ended = whose()[0]
+    until(lambda: s.ask("GET", "/points/oven/k4")["quality"] == "good")
+    s.check(entry, whose()[0], ended, "nothing more is switched in its name")
     s.check(entry, s.outlet()["clients"], 0, "connections")
     with s.session("admin") as admin:
         s.check(entry, admin.write("oven.k2", True), GOOD, "others")

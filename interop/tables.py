@@ -627,6 +627,8 @@ browse: types
 read: value, status and source time
 read: a dead module
 read: stale
+watch: after a pause
+watch: a shorter queue
 watch, {no filter,filter,interval 0,interval 60 s,interval -1}: from the beginning
 watch, {no filter,filter,interval 0,interval 60 s,interval -1}: a change
 watch, {no filter,filter,interval 0,interval 60 s,interval -1}: a dead module
