@@ -384,7 +384,29 @@ def endpoints(s):
     s.configure(listen=f"0.0.0.0:{s.port}")
     s.check(entry, offered(), both, "for others")
     s.check(entry, refused(lambda: s.session()) != GOOD, True, "without encryption")
+    s.check(entry, [created(s) for _ in range(25)], [False] * 25, "sessions that nobody uses")
+    s.check(entry, offered(), both, "asked for afterwards")
     s.configure()
+    s.check(entry, created(s), True, "a session on this machine")
+
+
+def created(s):
+    """Whether a session can be created without encryption, by who does not sign in."""
+    from asyncua import Client
+    from asyncua.sync import ThreadLoop
+
+    with ThreadLoop() as loop:
+        client = Client(f"opc.tcp://{HOST}:{s.port}/", timeout=5)
+        try:
+            loop.post(client.connect_socket())
+            loop.post(client.send_hello())
+            loop.post(client.open_secure_channel())
+            loop.post(client.create_session())
+        except Exception:
+            return False
+        finally:
+            client.disconnect_socket()
+    return True
 
 
 def asked_for(s):

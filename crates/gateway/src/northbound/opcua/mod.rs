@@ -3,8 +3,10 @@
 //! The server itself is a crate of its own, `railbus_opcua`: it brings many others.
 //!
 //! - Its settings: `settings`. Who clients are: `users`.
-//! - Which connections it gets: `server`, and how their bytes go there: `relay`.
+//! - Which connections it gets: `server`, and how their bytes go there: `relay`. What may be asked
+//!   without encryption: `plain`.
 
+mod plain;
 mod relay;
 mod server;
 mod settings;

@@ -13,30 +13,25 @@ const LEN: usize = 16 * 1024;
 /// A side that takes nothing for so long is gone.
 const STUCK_MAX: Duration = Duration::from_secs(10);
 
-/// After so many bytes of a client it is looked at what it has left behind.
-const LOOK_EVERY: usize = 64 * 1024;
-
 /// One direction: what was read and not yet written.
 #[derive(Debug, Default)]
 struct Flow {
     bytes: Vec<u8>,
-    /// How much was read.
-    count: usize,
     /// Until when some of it must go.
     by: Option<Instant>,
 }
 
 impl Flow {
-    /// Gives what it has; else takes more, where it may. Can be dropped.
+    /// Gives what it has; else takes more, where it may, and says whether it did. Can be dropped.
     async fn step(
         &mut self,
         from: &mut (impl AsyncRead + Unpin),
         to: &mut (impl AsyncWrite + Unpin),
         may_read: bool,
-    ) -> io::Result<()> {
+    ) -> io::Result<bool> {
         match (self.bytes.is_empty(), may_read) {
-            (false, _) => self.write(to).await,
-            (true, true) => self.read(from).await,
+            (false, _) => self.write(to).await.map(|()| false),
+            (true, true) => self.read(from).await.map(|()| true),
             (true, false) => std::future::pending().await,
         }
     }
@@ -46,8 +41,7 @@ impl Flow {
         self.bytes.reserve(LEN);
         match from.take(LEN as u64).read_buf(&mut self.bytes).await? {
             0 => Err(io::ErrorKind::UnexpectedEof.into()),
-            count => {
-                self.count = self.count.saturating_add(count);
+            _ => {
                 self.by = Some(Instant::now() + STUCK_MAX);
                 Ok(())
             }
@@ -64,15 +58,14 @@ impl Flow {
     }
 }
 
-/// Relays until one side closes, or takes nothing any more. `look` is called now and then while a
-/// client sends.
+/// Relays until one side closes, or takes nothing any more, or what the client says may not go on.
 ///
 /// # Errors
 /// Always: why it ended.
 pub(super) async fn relay<R, W>(
     (mut client_in, mut client_out): (R, W),
     (mut server_in, mut server_out): (R, W),
-    mut look: impl FnMut(),
+    mut may_go_on: impl FnMut(&[u8]) -> bool,
 ) -> io::Result<()>
 where
     R: AsyncRead + Unpin,
@@ -80,10 +73,6 @@ where
 {
     let (mut asked, mut answered) = (Flow::default(), Flow::default());
     loop {
-        if asked.count >= LOOK_EVERY {
-            asked.count = 0;
-            look();
-        }
         // While it owes us, a client is not read: its answers would pile up.
         let is_paid = answered.bytes.is_empty();
         let by = asked.by.into_iter().chain(answered.by).min();
@@ -94,8 +83,14 @@ where
             }
         };
         tokio::select! {
-            end = answered.step(&mut server_in, &mut client_out, true) => end?,
-            end = asked.step(&mut client_in, &mut server_out, is_paid) => end?,
+            read = answered.step(&mut server_in, &mut client_out, true) => {
+                read?;
+            }
+            read = asked.step(&mut client_in, &mut server_out, is_paid) => {
+                if read? && !may_go_on(&asked.bytes) {
+                    return Err(io::ErrorKind::PermissionDenied.into());
+                }
+            }
             () = stuck => return Err(io::ErrorKind::TimedOut.into()),
         }
     }

@@ -1,5 +1,6 @@
 //! Which connections the server gets, and what is told of those it does not want.
 
+use super::plain::ClientChannel;
 use super::relay::relay;
 use super::settings;
 use super::users::OutletUsers;
@@ -22,6 +23,8 @@ use tokio::task::LocalSet;
 
 /// The setting that lets everybody read.
 const ANONYMOUS: &str = "anonymous";
+/// After so many bytes of a client it is looked at what it has left behind.
+const LOOK_EVERY: usize = 64 * 1024;
 /// The longest message that a test takes as an answer.
 const ANSWER_MAX: usize = 1_024;
 
@@ -37,6 +40,8 @@ struct Door {
     /// Where the server takes them.
     server: SocketAddr,
     turned_away: TurnedAway,
+    /// Only programs on this machine can connect.
+    is_for_here: bool,
     /// How many came whose certificates are not trusted.
     count: Cell<u32>,
 }
@@ -82,6 +87,7 @@ async fn serve_once(outlet: Outlet) -> Result<(Outlet, Ended), Problem> {
     let door = Rc::new(Door {
         server: inner,
         turned_away: server.turned_away(),
+        is_for_here: listen.ip().is_loopback(),
         count: Cell::new(0),
         outlet,
     });
@@ -123,8 +129,16 @@ async fn admit(door: Rc<Door>, stream: TcpStream) {
         let _ = server.set_nodelay(true);
         door.outlet.report.worked();
         // It is closed for whatever reason.
-        let look = || door.tell();
-        let _ = relay(stream.into_split(), server.into_split(), look).await;
+        let (mut channel, mut count) = (ClientChannel::default(), 0);
+        let may_go_on = |bytes: &[u8]| {
+            count += bytes.len();
+            if count >= LOOK_EVERY {
+                count = 0;
+                door.tell();
+            }
+            door.is_for_here || channel.passes(bytes)
+        };
+        let _ = relay(stream.into_split(), server.into_split(), may_go_on).await;
     }
     door.tell();
 }

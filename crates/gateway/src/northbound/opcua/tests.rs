@@ -228,7 +228,7 @@ mod relayed {
     async fn bytes_go_both_ways_until_one_side_ends() {
         let (mut client, outer) = duplex(HELD);
         let (mut server, inner) = duplex(HELD);
-        let relayed = tokio::spawn(relay(split(outer), split(inner), || {}));
+        let relayed = tokio::spawn(relay(split(outer), split(inner), |_| true));
         for (words, size) in [("a question", 10), ("another, longer question", 24)] {
             client.write_all(words.as_bytes()).await.unwrap();
             let mut got = vec![0; size];
@@ -248,7 +248,7 @@ mod relayed {
         let began = Instant::now();
         let (mut client, outer) = duplex(HELD);
         let (mut server, inner) = duplex(HELD);
-        let relayed = tokio::spawn(relay(split(outer), split(inner), || {}));
+        let relayed = tokio::spawn(relay(split(outer), split(inner), |_| true));
         let full = Arc::new(Notify::new());
         let is_full = Arc::clone(&full);
         // More than is held on the way; the client takes none of it.
