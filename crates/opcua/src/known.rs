@@ -27,8 +27,6 @@ pub(crate) struct KnownSite {
     lines: BTreeMap<String, LineStatus>,
     modules: BTreeMap<String, ModuleStatus>,
     points: BTreeMap<String, PointStatus>,
-    /// When something was told last.
-    at: Option<SystemTime>,
 }
 
 /// What came with some news.
@@ -115,7 +113,6 @@ impl KnownSite {
                 let chosen = std::mem::take(&mut self.chosen);
                 let new = KnownSite {
                     config: Arc::clone(&picture.config),
-                    at: Some(picture.at),
                     ..KnownSite::new(chosen)
                 };
                 let before = std::mem::replace(self, new);
@@ -153,7 +150,6 @@ impl KnownSite {
                 }
             }
             News::Batch(batch) => {
-                self.at = Some(batch.at);
                 let mut changed = Vec::new();
                 for reading in &batch.points {
                     let path = path(&reading.status);

@@ -291,6 +291,7 @@ impl SiteManager {
                 let Some(mut watched) = notifier.notify_for(*id, AttributeId::Value) else {
                     continue;
                 };
+                // Fixed nodes have none that changes.
                 if let Some(value) = self.value(id) {
                     let value = self.shared.items().shaped(*handle, value);
                     watched.data_value_to_item(value, handle);

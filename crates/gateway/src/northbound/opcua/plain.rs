@@ -85,7 +85,7 @@ impl ClientChannel {
                 }
                 None => !is_whole,
             },
-            // Nobody asks for endpoints in more than one piece.
+            // A request for endpoints fits into one chunk.
             b"MSGC" if self.is_plain => false,
             _ => {
                 self.is_known = true;

@@ -1,10 +1,11 @@
-//! Which connections the server gets, and what is told of those it does not want.
+//! Accepts connections for the server, and reports clients whose certificates are not trusted.
 
 use super::plain::ClientChannel;
 use super::relay::relay;
 use super::settings;
 use super::users::OutletUsers;
 use crate::northbound::clients::{self, Clients, plain};
+use crate::northbound::kind::texts;
 use crate::northbound::network;
 use crate::northbound::outlet::Outlet;
 use railbus_api::problem::{Problem, codes};
@@ -49,7 +50,8 @@ struct Door {
 /// Why the server of the moment ends.
 enum Ended {
     Stopped,
-    /// Somebody who is signed in may do nothing any more, or it has grown too much.
+    /// An account with a session was locked, removed or changed, or too many monitored items were
+    /// created.
     Anew,
 }
 
@@ -164,8 +166,6 @@ impl Door {
 fn setup(outlet: &Outlet, listen: SocketAddr) -> OpcuaSetup {
     let settings = outlet.settings.borrow();
     let within = Micros::from_millis(outlet.number("within_ms").unsigned_abs());
-    let modules = settings.get("modules").and_then(|value| value.as_array());
-    let modules = modules.into_iter().flatten();
     OpcuaSetup {
         service: outlet.service.clone(),
         site: outlet.site.to_string(),
@@ -177,9 +177,7 @@ fn setup(outlet: &Outlet, listen: SocketAddr) -> OpcuaSetup {
         trusted: settings::trusted(&settings),
         folder: folder(outlet),
         lang: settings::lang(&settings),
-        modules: modules
-            .filter_map(|name| name.as_str().map(str::to_owned))
-            .collect(),
+        modules: texts(&settings, "modules").map(str::to_owned).collect(),
         within,
     }
 }
