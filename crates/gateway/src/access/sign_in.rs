@@ -13,9 +13,12 @@ const TAG_LEN: usize = 16;
 
 impl Gate {
     /// Signs a client in: by a token as the password, whatever the name, or by the name of a user
-    /// and the password. Tries are limited for each account; where it comes from is not known. It
-    /// gets an identity, which stands for the account as it is now: with
-    /// another password it is no one's any more.
+    /// and the password. Returns an identity of the account, which is invalid once the account is
+    /// removed, locked, or has another password.
+    ///
+    /// # Errors
+    /// Name or password is wrong, or there were too many tries for this account: its address is not
+    /// known here.
     pub(crate) async fn sign_in(&self, name: &str, password: Secret) -> Result<String, Problem> {
         let now = Timestamp::now();
         let token = self.read(|accounts| {
@@ -25,7 +28,7 @@ impl Gate {
         if let Some(token) = token {
             return Ok(token);
         }
-        // Many of them sign in again at the same time, after a loss.
+        // By address, clients that reconnect together would exhaust each other's tries.
         let whose = [Who::Account(name.to_owned())];
         let logins = self.confirm_for(name, password, &whose).await?;
         Ok(format!("user:{}:{name}", tag(&logins)))
