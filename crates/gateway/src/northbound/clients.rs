@@ -192,4 +192,11 @@ mod tests {
             assert!(is_allowed(address("10.0.0.1"), own, allowed, asks));
         }
     }
+
+    #[test]
+    fn what_a_client_says_of_itself_can_not_change_a_log() {
+        assert_eq!(plain("CN=scada\r\n\u{202E}nimda\u{2066}"), "CN=scadanimda");
+        assert_eq!(plain("CN=锅炉房"), "CN=锅炉房");
+        assert_eq!(plain(&"x".repeat(1_000)).len(), NAME_MAX);
+    }
 }
