@@ -26,6 +26,8 @@ mod run;
 mod secrets;
 mod settings;
 mod sparkplug;
+#[cfg(test)]
+mod stage;
 mod supervisor;
 #[cfg(test)]
 mod tests;

@@ -1,83 +1,46 @@
 //! The machinery of outlets, tried with the kind of [`super::textline`].
 
 use super::outlet::Outlet;
+use super::stage::{OutletStage, folder};
 use super::supervisor::{OutletId, Supervised};
 use super::*;
-use crate::access::Gate;
 use railbus_api::outlets::OutletState;
 use railbus_api::problem::codes;
-use railbus_site::Service;
 use railbus_store::audit::Origin;
 use std::net::SocketAddr;
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::path::Path;
 use tokio::io::{AsyncBufReadExt as _, AsyncWriteExt as _, BufReader};
 use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::watch;
 
 /// A site none of whose lines can be opened.
 const SITE: &str = "[line.main]\nport = \"/dev/ttyS99\"\n[module.oven]\nline = \"main\"\n\
     model = \"erc8\"\naddress = 3\n[module.pump]\nline = \"main\"\nmodel = \"erc8\"\naddress = 4\n";
 
-/// The outlets of a site in a temporary folder.
-struct Stage {
-    folder: PathBuf,
-    service: Service,
-    northbound: Arc<Northbound>,
-    changes: watch::Sender<u64>,
+fn staged(name: &str, outlets: &str) -> OutletStage {
+    OutletStage::running(folder(name), &format!("{SITE}{outlets}"))
 }
 
-impl Stage {
-    fn new(name: &str, outlets: &str) -> Stage {
-        let unique = format!("railbus-outlets-{}-{name}", std::process::id());
-        let folder = std::env::temp_dir().join(unique);
-        std::fs::create_dir_all(&folder).unwrap();
-        let config = Config::parse(&format!("{SITE}{outlets}")).unwrap();
-        let service = Service::start_in(config, &folder).unwrap();
-        let accounts = Arc::new(Gate::open(&folder).unwrap());
-        let northbound = Northbound::new("here", &folder, &service, &accounts);
-        let changes = watch::Sender::new(0);
-        northbound.run(changes.subscribe());
-        Stage {
-            folder,
-            service,
-            northbound,
-            changes,
-        }
-    }
+async fn reload(stage: &OutletStage, outlets: &str) {
+    stage.reload(&format!("{SITE}{outlets}")).await;
+    stage.changes.send_modify(|count| *count += 1);
+}
 
-    async fn reload(&self, outlets: &str) {
-        let text = format!("{SITE}{outlets}");
-        let written = async { Ok::<(), ()>(()) };
-        let done = self.service.reload_written(&text, written).await;
-        done.unwrap().unwrap();
-        self.changes.send_modify(|count| *count += 1);
-    }
-
-    fn look<T>(&self, name: &str, look: impl FnOnce(&Supervised) -> T) -> Option<T> {
-        let id = OutletId {
-            kind: "textline",
-            name: name.to_owned(),
-        };
-        self.northbound.look(&id, look)
-    }
-
-    /// Waits until an outlet is in this state.
-    async fn until(&self, name: &str, state: OutletState) {
-        loop {
-            let news = self.northbound.news.notified();
-            if self.look(name, Supervised::state) == Some(state) {
-                return;
-            }
-            news.await;
-        }
+fn id(name: &str) -> OutletId {
+    OutletId {
+        kind: "textline",
+        name: name.to_owned(),
     }
 }
 
-impl Drop for Stage {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.folder);
-    }
+fn look<T>(stage: &OutletStage, name: &str, look: impl FnOnce(&Supervised) -> T) -> Option<T> {
+    stage.northbound.look(&id(name), look)
+}
+
+/// Waits until an outlet is in this state.
+async fn until(stage: &OutletStage, name: &str, state: OutletState) {
+    stage
+        .until(&id(name), |outlet| outlet.state() == state)
+        .await;
 }
 
 fn outlet(name: &str, at: SocketAddr, more: &str) -> String {
@@ -124,10 +87,10 @@ impl Peer {
 async fn an_outlet_gets_the_site_with_its_own_rights() {
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let at = listener.local_addr().unwrap();
-    let stage = Stage::new("rights", &outlet("x", at, "write = [\"oven.k1\"]"));
+    let stage = staged("rights", &outlet("x", at, "write = [\"oven.k1\"]"));
     let mut peer = Peer::accept(&listener).await;
     assert_eq!(peer.line().await, "points 16\n");
-    stage.until("x", OutletState::Running).await;
+    until(&stage, "x", OutletState::Running).await;
     assert_eq!(peer.ask("pump.k1 on").await, "failed not_permitted");
     assert_eq!(peer.ask("oven.k2 on").await, "failed not_permitted");
     let end = peer.ask("oven.k1 on").await;
@@ -136,7 +99,7 @@ async fn an_outlet_gets_the_site_with_its_own_rights() {
         "its line is gone: {end}"
     );
     // Without `write` it only reads. Other settings are another run.
-    stage.reload(&outlet("x", at, "")).await;
+    reload(&stage, &outlet("x", at, "")).await;
     let mut peer = Peer::accept(&listener).await;
     assert_eq!(peer.line().await, "points 16\n");
     assert_eq!(peer.ask("oven.k1 on").await, "failed role_too_low");
@@ -154,27 +117,27 @@ async fn one_that_fails_says_why_and_holds_up_no_other() {
         .local_addr()
         .unwrap();
     let both = |address| [outlet("bad", address, ""), outlet("good", at, "")].concat();
-    let stage = Stage::new("fails", &both(nowhere));
+    let stage = staged("fails", &both(nowhere));
     let mut peer = Peer::accept(&listener).await;
     assert_eq!(peer.line().await, "points 16\n");
-    stage.until("bad", OutletState::Waiting).await;
-    let code = stage.look("bad", |outlet| {
+    until(&stage, "bad", OutletState::Waiting).await;
+    let code = look(&stage, "bad", |outlet| {
         outlet.error().map(|error| error.problem.code.clone())
     });
     assert_eq!(code.flatten().as_deref(), Some("E0857"));
-    stage.until("good", OutletState::Running).await;
-    stage.reload(&both(at)).await;
+    until(&stage, "good", OutletState::Running).await;
+    reload(&stage, &both(at)).await;
     let mut mended = Peer::accept(&listener).await;
     assert_eq!(
         mended.line().await,
         "points 16\n",
         "at once, with another address"
     );
-    stage.reload(&outlet("good", at, "enabled = false")).await;
-    stage.until("good", OutletState::Stopped).await;
+    reload(&stage, &outlet("good", at, "enabled = false")).await;
+    until(&stage, "good", OutletState::Stopped).await;
     peer.closed().await;
     mended.closed().await;
-    assert!(stage.look("bad", |_| ()).is_none());
+    assert!(look(&stage, "bad", |_| ()).is_none());
 }
 
 fn hang(_: Outlet) -> kind::Work<()> {
@@ -184,11 +147,8 @@ fn hang(_: Outlet) -> kind::Work<()> {
 #[tokio::test]
 async fn tests_that_hang_are_bounded_though_their_callers_have_gone() {
     let at = "127.0.0.1:4000".parse().unwrap();
-    let stage = Stage::new("hang", &outlet("x", at, "enabled = false"));
-    let id = OutletId {
-        kind: "textline",
-        name: "x".to_owned(),
-    };
+    let stage = staged("hang", &outlet("x", at, "enabled = false"));
+    let id = id("x");
     let ask = || stage.northbound.aside(&id, Origin::program("li"), hang);
     for _ in 0..4 {
         let gone = tokio::time::timeout(std::time::Duration::ZERO, ask()).await;
@@ -211,11 +171,8 @@ fn is_to_stop(outlet: Outlet) -> kind::Work<bool> {
 #[tokio::test]
 async fn a_test_is_to_stop_when_its_caller_is_gone_and_not_before() {
     let at = "127.0.0.1:4000".parse().unwrap();
-    let stage = Stage::new("gone", &outlet("x", at, "enabled = false"));
-    let id = OutletId {
-        kind: "textline",
-        name: "x".to_owned(),
-    };
+    let stage = staged("gone", &outlet("x", at, "enabled = false"));
+    let id = id("x");
     let by = || Origin::program("li");
     for _ in 0..4 {
         let ask = stage.northbound.aside(&id, by(), until_stopped);

@@ -1,49 +1,32 @@
 //! The gateway over sockets, in front of the simulated line of the demo, which other protocols are
 //! spoken on, too.
 
-use crate::access::Gate;
-use crate::northbound::Northbound;
-use crate::northbound::supervisor::{OutletId, Supervised};
-use railbus_api::outlets::OutletState;
+use crate::northbound::stage::{OutletStage, PATIENCE, folder, free_address};
+use crate::northbound::supervisor::OutletId;
 use railbus_host::Fault;
 use railbus_plant::background::Background;
 use railbus_plant::remote::Remote;
-use railbus_site::{Config, PointQuality, PointValue, RawTerms, Service};
+use railbus_site::{PointQuality, PointValue, RawTerms, Service};
 use railbus_wire::mbap::{self, Message};
 use railbus_wire::{Decoded, Exchange};
 use railbus_words::Lang;
 use std::net::SocketAddr;
-use std::path::PathBuf;
-use std::sync::Arc;
-use std::time::Duration;
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
-use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::watch;
-
-/// Long enough for the busiest machine; nothing is proven by it.
-const PATIENCE: Duration = Duration::from_secs(60);
+use tokio::net::TcpStream;
 
 const OVEN: u8 = 3;
 const TANK: u8 = 5;
 const COILS: [u8; 5] = [1, 0, 60, 0, 8];
 
 struct Served {
-    folder: PathBuf,
     line: Option<Background>,
-    service: Service,
-    northbound: Arc<Northbound>,
+    stage: OutletStage,
     at: SocketAddr,
-    _changes: watch::Sender<u64>,
 }
 
 impl Served {
     async fn start(name: &str, more: &str) -> Served {
-        let free = TcpListener::bind("127.0.0.1:0").await.unwrap();
-        let at = free.local_addr().unwrap();
-        drop(free);
-        let unique = format!("railbus-gateway-{}-{name}", std::process::id());
-        let folder = std::env::temp_dir().join(unique);
-        std::fs::create_dir_all(&folder).unwrap();
+        let (at, folder) = (free_address().await, folder(&format!("line-{name}")));
         let line = Background::start(Lang::En, folder.join("line")).unwrap();
         let port = format!("pty:{}", line.path().display());
         let text = railbus_plant::demo::text(&port);
@@ -51,29 +34,18 @@ impl Served {
         let outlet = format!(
             "[outlet.tool]\ntype = \"{kind}\"\nline = \"main\"\nlisten = \"{at}\"\n{more}\n"
         );
-        let config = Config::parse(&format!("{text}{outlet}")).unwrap();
-        let service = Service::start_in(config, &folder).unwrap();
-        let accounts = Arc::new(Gate::open(&folder).unwrap());
-        let northbound = Northbound::new("here", &folder, &service, &accounts);
-        let changes = watch::Sender::new(0);
-        northbound.run(changes.subscribe());
-        let served = Served {
-            folder,
-            line: Some(line),
-            service,
-            northbound,
-            at,
-            _changes: changes,
-        };
+        let stage = OutletStage::running(folder, &format!("{text}{outlet}"));
+        let line = Some(line);
+        let served = Served { line, stage, at };
         served.until_good("oven").await;
         served
     }
 
     /// Waits until this is so; it is looked at whenever something has happened at the site.
     async fn until(&self, is_so: impl Fn(&Service) -> bool) {
-        let mut site = self.service.follow();
+        let mut site = self.stage.service.follow();
         let looks = async {
-            while !is_so(&self.service) {
+            while !is_so(&self.stage.service) {
                 site.next().await.unwrap();
             }
         };
@@ -92,7 +64,7 @@ impl Served {
 
     /// The outputs of the oven as the site has them.
     fn outputs(&self) -> Vec<bool> {
-        let (_, points) = self.service.points_now("oven");
+        let (_, points) = self.stage.service.points_now("oven");
         let values = points.iter().map(|point| point.value);
         values
             .map(|value| value == Some(PointValue::Bool(true)))
@@ -104,17 +76,7 @@ impl Served {
             kind: super::KIND.name,
             name: "tool".to_owned(),
         };
-        let looks = async {
-            loop {
-                let news = self.northbound.news.notified();
-                let state = self.northbound.look(&id, Supervised::state);
-                if state == Some(OutletState::Running) {
-                    return;
-                }
-                news.await;
-            }
-        };
-        tokio::time::timeout(PATIENCE, looks).await.unwrap();
+        self.stage.until_running(&id).await;
         TcpStream::connect(self.at).await.unwrap()
     }
 
@@ -133,7 +95,6 @@ impl Served {
 impl Drop for Served {
     fn drop(&mut self) {
         drop(self.line.take());
-        let _ = std::fs::remove_dir_all(&self.folder);
     }
 }
 
@@ -203,7 +164,7 @@ async fn a_master_reads_and_switches_beside_polling() {
         value(&mut master, TANK, &[3, 0, 6, 0, 2]).await[..2],
         [3, 4]
     );
-    served.northbound.close().await;
+    served.stage.northbound.close().await;
 }
 
 #[tokio::test]
@@ -244,7 +205,7 @@ async fn a_dead_unit_and_a_line_that_has_gone_are_said_as_such() {
         }
     };
     tokio::time::timeout(PATIENCE, gone).await.unwrap();
-    served.northbound.close().await;
+    served.stage.northbound.close().await;
 }
 
 #[tokio::test]
@@ -254,12 +215,13 @@ async fn the_site_sends_no_write_as_a_read() {
     frame.extend(railbus_wire::crc16(&frame).to_le_bytes());
     let write = railbus_commission::request(railbus_wire::Protocol::Rtu, &frame).unwrap();
     let end = served
+        .stage
         .service
         .read_for_master("main", write, RawTerms::default());
     assert_eq!(end.await, Err(Fault::Unsupported.into()));
     let mut master = served.connect().await;
     assert_eq!(value(&mut master, OVEN, &COILS).await, [1, 1, 0]);
-    served.northbound.close().await;
+    served.stage.northbound.close().await;
 }
 
 /// A read of unit 85 can be, byte by byte, a command of a 0x55 board: it is not sent on a line with
@@ -284,7 +246,11 @@ async fn what_another_module_would_obey_is_not_sent() {
     frame.extend(railbus_wire::crc16(&frame).to_le_bytes());
     let read = railbus_commission::request(railbus_wire::Protocol::Rtu, &frame).unwrap();
     let terms = RawTerms::default();
-    let end = served.service.read_for_master("main", read, terms).await;
+    let end = served
+        .stage
+        .service
+        .read_for_master("main", read, terms)
+        .await;
     assert_eq!(end, Err(Fault::Unsupported.into()));
-    served.northbound.close().await;
+    served.stage.northbound.close().await;
 }

@@ -1,11 +1,9 @@
 //! The slave at a real terminal: asked by a master, unplugged and plugged in again.
 
 use super::server;
-use crate::access::Gate;
-use crate::northbound::Northbound;
+use crate::northbound::stage::{OutletStage, PATIENCE, folder};
 use crate::northbound::supervisor::{OutletId, Supervised};
 use railbus_api::outlets::OutletState;
-use railbus_site::{Config, Service};
 use railbus_store::audit::Origin;
 use railbus_wire::crc16;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
@@ -13,15 +11,10 @@ use std::fs::File;
 use std::io::{Read as _, Write as _};
 use std::os::unix::ffi::OsStringExt as _;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::time::Duration;
-use tokio::sync::watch;
 
 /// A site whose line can't be opened: its values are not known.
 const SITE: &str = "[line.main]\nport = \"/dev/ttyS99\"\n[module.oven]\nline = \"main\"\n\
     model = \"erc8\"\naddress = 3\n";
-/// Long enough for the busiest machine; nothing is proven by it.
-const PATIENCE: Duration = Duration::from_secs(60);
 
 /// The far end of a new terminal, to which a link leads.
 fn plugged_in(link: &Path) -> File {
@@ -35,37 +28,23 @@ fn plugged_in(link: &Path) -> File {
 }
 
 struct Served {
-    folder: PathBuf,
-    _service: Service,
-    northbound: Arc<Northbound>,
-    _changes: watch::Sender<u64>,
+    stage: OutletStage,
 }
 
 impl Served {
     fn start(name: &str) -> (Served, PathBuf) {
-        let unique = format!("railbus-rtu-{}-{name}", std::process::id());
-        let folder = std::env::temp_dir().join(unique);
-        std::fs::create_dir_all(&folder).unwrap();
+        let folder = folder(&format!("rtu-{name}"));
         let link = folder.join("plc");
         let outlet = format!(
             "[outlet.plc]\ntype = \"modbus_rtu\"\nport = \"{}\"\n",
             link.display()
         );
-        let config = Config::parse(&format!("{SITE}{outlet}")).unwrap();
-        let service = Service::start_in(config, &folder).unwrap();
-        let accounts = Arc::new(Gate::open(&folder).unwrap());
-        let northbound = Northbound::new("here", &folder, &service, &accounts);
-        let served = Served {
-            folder,
-            _service: service,
-            northbound,
-            _changes: watch::Sender::new(0),
-        };
-        (served, link)
+        let stage = OutletStage::new(folder, &format!("{SITE}{outlet}"));
+        (Served { stage }, link)
     }
 
     fn run(&self) {
-        self.northbound.run(self._changes.subscribe());
+        self.stage.run();
     }
 
     fn id() -> OutletId {
@@ -77,16 +56,7 @@ impl Served {
 
     /// Waits until this is true of the outlet.
     async fn until(&self, is_so: impl Fn(&Supervised) -> bool) {
-        let looks = async {
-            loop {
-                let news = self.northbound.news.notified();
-                if self.northbound.look(&Served::id(), &is_so) == Some(true) {
-                    return;
-                }
-                news.await;
-            }
-        };
-        tokio::time::timeout(PATIENCE, looks).await.unwrap();
+        self.stage.until(&Served::id(), is_so).await;
     }
 
     async fn until_open(&self) {
@@ -98,16 +68,11 @@ impl Served {
     async fn tested(&self) -> Result<String, String> {
         let (id, by) = (Served::id(), Origin::program("tests"));
         let end = self
+            .stage
             .northbound
             .aside(&id, by, |outlet| Box::pin(server::test(outlet)))
             .await;
         end.unwrap().map_err(|problem| problem.text("reason"))
-    }
-}
-
-impl Drop for Served {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.folder);
     }
 }
 
@@ -159,7 +124,7 @@ async fn a_master_is_answered_and_a_port_that_was_gone_is_opened_again() {
         asked(&master, &[4, 0, 68, 0, 2], 9).await,
         [4, 4, 0, 1, 0, 5]
     );
-    served.northbound.close().await;
+    served.stage.northbound.close().await;
 }
 
 /// It is opened for a test only where nothing runs that has it.
@@ -176,5 +141,5 @@ async fn a_port_that_another_program_has_is_no_slaves() {
     drop(other);
     served.until_open().await;
     assert!(served.tested().await.is_ok());
-    served.northbound.close().await;
+    served.stage.northbound.close().await;
 }

@@ -1,6 +1,7 @@
 //! The server over TLS: who gets in, and what the role in a certificate may switch.
 
-use super::served::{MORE, PATIENCE, Served};
+use super::served::{MORE, Served};
+use crate::northbound::stage::PATIENCE;
 use crate::northbound::supervisor::Supervised;
 use railbus_api::outlets::OutletState;
 use rcgen::{
@@ -205,7 +206,7 @@ async fn a_role_switches_what_it_may_and_all_others_only_read() {
     }
     // Two roles in one certificate.
     secured.until_told("E0931", 1).await;
-    secured.served.northbound.close().await;
+    secured.served.stage.northbound.close().await;
 }
 
 #[tokio::test]
@@ -254,7 +255,7 @@ async fn who_has_no_certificate_of_the_authority_is_turned_away_and_it_is_said_w
     let good = secured.authority.issue("client", &["pumps"]);
     assert_eq!(rights(&secured, &good).await[0], NO_LINE, "others go on");
     secured.until_told("E0929", 5).await;
-    secured.served.northbound.close().await;
+    secured.served.stage.northbound.close().await;
 }
 
 /// More than TLS and the socket hold.
@@ -275,7 +276,7 @@ async fn many_answers_over_tls_are_all_taken() {
     timeout(PATIENCE, async { tokio::join!(sent, received) })
         .await
         .unwrap();
-    secured.served.northbound.close().await;
+    secured.served.stage.northbound.close().await;
 }
 
 #[tokio::test]
@@ -314,6 +315,6 @@ async fn files_that_cannot_be_used_are_said_and_the_outlet_waits() {
             })
         };
         served.until(is_so).await;
-        served.northbound.close().await;
+        served.stage.northbound.close().await;
     }
 }

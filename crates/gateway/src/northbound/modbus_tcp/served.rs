@@ -1,21 +1,18 @@
 //! The server over sockets: what one client does holds up no other, and not its end.
 
-use crate::access::Gate;
-use crate::northbound::Northbound;
+use crate::northbound::stage::{OutletStage, PATIENCE, folder, free_address};
 use crate::northbound::supervisor::{OutletId, Supervised};
 use railbus_api::outlets::OutletState;
-use railbus_site::{Config, Service};
 use std::io::{Read as _, Write as _};
 use std::net::SocketAddr;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicUsize;
 use std::sync::atomic::Ordering::Relaxed;
 use std::thread;
-use std::time::Duration;
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
-use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::{mpsc, watch};
+use tokio::net::TcpStream;
+use tokio::sync::mpsc;
 
 /// A site whose line can't be opened: its values are not known.
 const SITE: &str = "[line.main]\nport = \"/dev/ttyS99\"\n[module.oven]\nline = \"main\"\n\
@@ -26,19 +23,14 @@ const READ: [u8; 12] = [0, 7, 0, 0, 0, 6, 3, 1, 0, 60, 0, 1];
 const REFUSED: [u8; 8] = [0, 7, 0, 0, 0, 3, 3, 0x81];
 /// Behind it in a site: settings of the outlet.
 pub(super) const MORE: &str = "# outlet\n";
-/// Long enough for the busiest machine; nothing is proven by it.
-pub(super) const PATIENCE: Duration = Duration::from_secs(60);
 
 /// How many answers to others may come before one, where they are many: what two clients are
 /// answered in a few turns, and what they take while this thread waits for the processor.
 const TURN_MAX: usize = 50_000;
 
 pub(super) struct Served {
-    pub(super) folder: PathBuf,
-    pub(super) service: Service,
-    pub(super) northbound: Arc<Northbound>,
+    pub(super) stage: OutletStage,
     at: SocketAddr,
-    _changes: watch::Sender<u64>,
 }
 
 impl Served {
@@ -48,25 +40,10 @@ impl Served {
 
     /// The same with another site, and more settings at its end; it may have files in the folder.
     pub(super) async fn start_with(name: &str, site: impl FnOnce(&Path) -> String) -> Served {
-        let free = TcpListener::bind("127.0.0.1:0").await.unwrap();
-        let at = free.local_addr().unwrap();
-        drop(free);
-        let unique = format!("railbus-modbus-{}-{name}", std::process::id());
-        let folder = std::env::temp_dir().join(unique);
-        std::fs::create_dir_all(&folder).unwrap();
+        let (at, folder) = (free_address().await, folder(&format!("modbus-{name}")));
         let text = with_outlet(&site(&folder), at);
-        let service = Service::start_in(Config::parse(&text).unwrap(), &folder).unwrap();
-        let accounts = Arc::new(Gate::open(&folder).unwrap());
-        let northbound = Northbound::new("here", &folder, &service, &accounts);
-        let changes = watch::Sender::new(0);
-        northbound.run(changes.subscribe());
-        Served {
-            folder,
-            service,
-            northbound,
-            at,
-            _changes: changes,
-        }
+        let stage = OutletStage::running(folder, &text);
+        Served { stage, at }
     }
 
     /// Waits until this is true of the outlet.
@@ -75,16 +52,7 @@ impl Served {
             kind: super::KIND.name,
             name: "scada".to_owned(),
         };
-        let looks = async {
-            loop {
-                let news = self.northbound.news.notified();
-                if self.northbound.look(&id, &is_so) == Some(true) {
-                    return;
-                }
-                news.await;
-            }
-        };
-        tokio::time::timeout(PATIENCE, looks).await.unwrap();
+        self.stage.until(&id, is_so).await;
     }
 
     /// A connection, as soon as the server listens.
@@ -96,17 +64,7 @@ impl Served {
 
     /// Brings a configuration into force that nobody has checked, as where a module has moved.
     async fn reload(&self, text: &str) {
-        let text = with_outlet(text, self.at);
-        let done = self
-            .service
-            .reload_written(&text, async { Ok::<(), ()>(()) });
-        done.await.unwrap().unwrap();
-    }
-}
-
-impl Drop for Served {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.folder);
+        self.stage.reload(&with_outlet(text, self.at)).await;
     }
 }
 
@@ -164,7 +122,7 @@ async fn a_flooding_client_does_not_block_others() {
     // In its turn: not behind all that the others send.
     assert!(before_it[10] < TURN_MAX, "{before_it:?}");
     // It is to stop within a second, or is left alone and goes on answering.
-    served.northbound.close().await;
+    served.stage.northbound.close().await;
     let mut byte = [0];
     let end = tokio::time::timeout(PATIENCE, other.read(&mut byte)).await;
     assert!(matches!(end, Ok(Ok(0) | Err(_))), "{end:?}");
@@ -203,7 +161,7 @@ async fn no_more_than_eight_of_one_address_are_served() {
     };
     let answer = tokio::time::timeout(PATIENCE, again).await.unwrap();
     assert!(answer.starts_with(&REFUSED));
-    served.northbound.close().await;
+    served.stage.northbound.close().await;
 }
 
 /// A module moves onto the unit of another: neither is one until they are told apart, the server
@@ -232,7 +190,7 @@ async fn two_modules_on_one_unit_are_no_unit() {
     for unit in [3, 4] {
         assert_eq!(identified(&mut client, unit).await, [0x2B, 0x0E]);
     }
-    served.northbound.close().await;
+    served.stage.northbound.close().await;
 }
 
 /// The first two bytes of what a unit says that it is: function and kind, or the exception.

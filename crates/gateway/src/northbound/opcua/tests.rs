@@ -2,61 +2,34 @@
 //! clients, and in its own crate.
 
 use super::users::OutletUsers;
-use crate::access::Gate;
 use crate::access::desk;
-use crate::northbound::Northbound;
+use crate::northbound::stage::{OutletStage, PATIENCE, folder, free_address};
 use crate::northbound::supervisor::{OutletId, Supervised};
-use railbus_api::outlets::OutletState;
 use railbus_opcua::{ANONYMOUS, OpcuaUsers as _};
-use railbus_site::{Config, Role, Service};
+use railbus_site::Role;
 use railbus_store::audit::Origin;
 use serde_json::json;
 use std::net::SocketAddr;
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
-use std::time::Duration;
 use tokio::io::AsyncReadExt as _;
-use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::watch;
+use tokio::net::TcpStream;
 
 const SITE: &str = "[line.main]\nport = \"/dev/ttyS99\"\n[module.oven]\nline = \"main\"\n\
     model = \"erc8\"\naddress = 3\n";
-/// Long enough for the busiest machine; nothing is proven by it.
-const PATIENCE: Duration = Duration::from_secs(60);
 const PASSWORD: &str = "correct horse battery";
 
 struct Served {
-    folder: PathBuf,
-    service: Service,
-    accounts: Arc<Gate>,
-    northbound: Arc<Northbound>,
+    stage: OutletStage,
     at: SocketAddr,
-    _changes: watch::Sender<u64>,
 }
 
 impl Served {
     async fn start(name: &str) -> Served {
-        let free = TcpListener::bind("127.0.0.1:0").await.unwrap();
-        let at = free.local_addr().unwrap();
-        drop(free);
-        let unique = format!("railbus-opcua-{}-{name}", std::process::id());
-        let folder = std::env::temp_dir().join(unique);
-        std::fs::create_dir_all(&folder).unwrap();
+        let (at, folder) = (free_address().await, folder(&format!("opcua-{name}")));
         let text = format!("{SITE}[outlet.scada]\ntype = \"opcua\"\nlisten = \"{at}\"\n");
-        let service = Service::start_in(Config::parse(&text).unwrap(), &folder).unwrap();
-        let accounts = Arc::new(Gate::open(&folder).unwrap());
-        let northbound = Northbound::new("here", &folder, &service, &accounts);
-        let changes = watch::Sender::new(0);
-        northbound.run(changes.subscribe());
-        Served {
-            folder,
-            service,
-            accounts,
-            northbound,
-            at,
-            _changes: changes,
-        }
+        let stage = OutletStage::running(folder, &text);
+        Served { stage, at }
     }
 
     async fn user(&self, name: &str, role: Role, points: &[&str]) {
@@ -64,41 +37,18 @@ impl Served {
             "name": name, "role": role.name(), "points": points, "password": PASSWORD
         });
         let user = user.to_string();
-        desk::add_user(&self.accounts, user.as_bytes())
+        desk::add_user(&self.stage.accounts, user.as_bytes())
             .await
             .unwrap();
     }
 
     fn users(&self, allows_anonymous: bool) -> OutletUsers {
         OutletUsers::new(
-            &self.accounts,
-            &self.service,
+            &self.stage.accounts,
+            &self.stage.service,
             "opcua:scada",
             allows_anonymous,
         )
-    }
-
-    async fn until(&self, is_so: impl Fn(&Supervised) -> bool) {
-        let id = OutletId {
-            kind: super::KIND.name,
-            name: "scada".to_owned(),
-        };
-        let looks = async {
-            loop {
-                let news = self.northbound.news.notified();
-                if self.northbound.look(&id, &is_so) == Some(true) {
-                    return;
-                }
-                news.await;
-            }
-        };
-        tokio::time::timeout(PATIENCE, looks).await.unwrap();
-    }
-}
-
-impl Drop for Served {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.folder);
     }
 }
 
@@ -118,7 +68,7 @@ async fn an_identity_has_the_rights_of_its_account_as_they_are_now() {
     assert!(user.rights.may_switch("oven", "k2").is_err());
 
     let change = |body: serde_json::Value| {
-        let (accounts, body) = (Arc::clone(&served.accounts), body.to_string());
+        let (accounts, body) = (Arc::clone(&served.stage.accounts), body.to_string());
         async move {
             desk::change_user(&accounts, "li", None, body.as_bytes())
                 .await
@@ -146,7 +96,7 @@ async fn a_token_signs_in_and_nobody_else_without_a_password() {
     let served = Served::start("tokens").await;
     served.user("admin", Role::Admin, &[]).await;
     let body = json!({"name": "grafana", "role": "viewer"}).to_string();
-    let made = desk::add_token(&served.accounts, "admin", body.as_bytes())
+    let made = desk::add_token(&served.stage.accounts, "admin", body.as_bytes())
         .await
         .unwrap();
     let token = made["token"].as_str().unwrap().to_owned();
@@ -158,7 +108,7 @@ async fn a_token_signs_in_and_nobody_else_without_a_password() {
         (&*user.name, user.rights.role),
         ("token:grafana", Role::Viewer)
     );
-    desk::remove_token(&served.accounts, "grafana")
+    desk::remove_token(&served.stage.accounts, "grafana")
         .await
         .unwrap();
     assert!(users.user(&identity).is_none());
@@ -181,15 +131,17 @@ async fn a_token_signs_in_and_nobody_else_without_a_password() {
 #[tokio::test]
 async fn it_answers_its_own_test_and_ends_who_does_not_say_hello() {
     let served = Served::start("hello").await;
-    served
-        .until(|outlet| outlet.state() == OutletState::Running)
-        .await;
     let id = OutletId {
         kind: super::KIND.name,
         name: "scada".to_owned(),
     };
+    served.stage.until_running(&id).await;
     let by = Origin::program("tests");
-    let said = served.northbound.aside(&id, by, super::KIND.test).await;
+    let said = served
+        .stage
+        .northbound
+        .aside(&id, by, super::KIND.test)
+        .await;
     let url = format!("opc.tcp://127.0.0.1:{}/", served.at.port());
     assert_eq!(said.unwrap().unwrap(), url);
 
@@ -205,7 +157,7 @@ async fn it_answers_its_own_test_and_ends_who_does_not_say_hello() {
     silent.read_to_end(&mut answer).await.unwrap();
     let clients = |outlet: &Supervised| outlet.counts().clients.load(Relaxed);
     let gone = async {
-        while served.northbound.look(&id, clients) != Some(0) {
+        while served.stage.northbound.look(&id, clients) != Some(0) {
             tokio::task::yield_now().await;
         }
     };

@@ -1,12 +1,10 @@
 //! The outlet as a broker has it, packet by packet.
 
-use crate::access::Gate;
-use crate::northbound::Northbound;
 use crate::northbound::sparkplug::payload::{MetricValue, Payload};
-use railbus_site::{Config, Service};
+use crate::northbound::stage::{OutletStage, folder};
+use std::sync::Arc;
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::watch;
 
 /// A packet: its first byte, and what follows its length.
 struct Packet {
@@ -102,15 +100,7 @@ async fn a_connection_is_as_hosts_expect_it() {
              host = \"127.0.0.1\"\nport = {port}\ngroup = \"g\"\nnode = \"n\"\n\
              version = \"{version}\"\nprimary_host = \"scada\"\n"
         );
-        let unique = format!("railbus-edge-{}-{version}", std::process::id());
-        let folder = std::env::temp_dir().join(unique);
-        std::fs::create_dir_all(&folder).unwrap();
-        let config = Config::parse(&text).unwrap();
-        let service = Service::start_in(config, &folder).unwrap();
-        let accounts = std::sync::Arc::new(Gate::open(&folder).unwrap());
-        let northbound = Northbound::new("here", &folder, &service, &accounts);
-        let changes = watch::Sender::new(0);
-        northbound.run(changes.subscribe());
+        let stage = OutletStage::running(folder(&format!("edge-{version}")), &text);
         let mut stream = listener.accept().await.unwrap().0;
 
         // Nothing of an earlier session, and a will with QoS 1 that is not retained.
@@ -177,6 +167,7 @@ async fn a_connection_is_as_hosts_expect_it() {
         assert_eq!(number, Some(death.metrics[0].value.clone()));
 
         // Its own death before it goes, and the will as well where that can be said.
+        let northbound = Arc::clone(&stage.northbound);
         let end = tokio::spawn(async move { northbound.close().await });
         let last = loop {
             let last = packet(&mut stream).await;
@@ -196,6 +187,5 @@ async fn a_connection_is_as_hosts_expect_it() {
         let reason = disconnect.body.first().copied();
         assert_eq!(reason, is_five.then_some(0x04));
         end.await.unwrap();
-        let _ = std::fs::remove_dir_all(&folder);
     }
 }
