@@ -1,5 +1,5 @@
-//! The certificate of the server, and those of clients: which are trusted, and which were turned
-//! away because nobody has said so.
+//! The certificate of the server, and those of clients: which are trusted, and which were rejected
+//! because they are not.
 //!
 //! The library keeps them in folders. What is trusted is said by the configuration, by thumbprint:
 //! the folders are made to agree with it, and do not grow.
@@ -23,7 +23,7 @@ pub(crate) const OWN_CERT: &str = "own/cert.der";
 pub(crate) const OWN_KEY: &str = "private/private.pem";
 const TRUSTED: &str = "trusted";
 const REJECTED: &str = "rejected";
-/// Ours: those that the library rejected, and that were told.
+/// Ours: those that the library rejected, and that were reported.
 const SEEN: &str = "seen";
 
 /// The SHA-1 of a certificate, by which clients and servers name it: 40 hexadecimal digits.

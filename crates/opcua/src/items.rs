@@ -1,12 +1,13 @@
-//! What each monitored item can be told without saying something false.
+//! What each monitored item may report without saying something false.
 //!
-//! The library compares only values where a client sets no filter: that a value has become stale
-//! would never be told. Such an item gets no value while it is not good, so that the change is one
-//! of the value too; and another status without a value is another way to have none.
+//! Where a client sets no filter the library compares values only: it would never report that a
+//! value has become stale. Such an item has no value while its status is not good, so that the
+//! value changes too; and each change between statuses without a value changes how the value is
+//! missing.
 //!
-//! Where an item has a sampling interval, a value that comes early is told later with a time that
-//! is not that of its reading: an item gets values with their times only where the interval could
-//! be set to none.
+//! Where an item has a sampling interval, the library reports a value that comes early later, with
+//! a time that is not that of its reading: an item gets source timestamps only where the interval
+//! could be revised to none.
 
 use opcua::server::{CreateMonitoredItem, MonitoredItemHandle};
 use opcua::types::{DataValue, DateTime, StatusCode, Variant};
@@ -15,22 +16,22 @@ use std::collections::HashMap;
 /// The interval that the library takes for none, in milliseconds. It can't be set to 0.
 const AT_ONCE: f64 = 0.000_1;
 
-/// What an item can be told.
+/// What an item may report.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct ItemNeeds {
-    /// Whether a status that changes alone is told.
+    /// Whether a change of the status alone is reported.
     sees_status: bool,
-    /// Whether times are told as they are.
+    /// Whether source timestamps are reported unchanged.
     keeps_time: bool,
-    /// The time that was told last.
+    /// The source timestamp reported last.
     last: Option<DateTime>,
-    /// The status that was told last, and which of the two ways to have no value it took.
+    /// The status reported last, and which of the two ways to have no value it took.
     status: Option<StatusCode>,
     is_empty: bool,
 }
 
-/// Whether a client has set what it wants to be told of. The type has no name outside of the
-/// library; what is not recognized counts as none, which is the safe side.
+/// Whether a client has set a data change filter. The type has no name outside of the library; what
+/// is not recognized counts as none, which is the safe side.
 fn has_filter(item: &CreateMonitoredItem) -> bool {
     format!("{:?}", item.filter()).starts_with("DataChangeFilter(")
 }
@@ -82,7 +83,7 @@ impl Items {
         self.needs.remove(&handle);
     }
 
-    /// A value as this item is told it.
+    /// A value as this item reports it.
     pub(crate) fn shaped(
         &mut self,
         handle: MonitoredItemHandle,
@@ -103,7 +104,7 @@ impl Items {
         needs.status = value.status;
         // An earlier time than the last one, after the clock was set back, would be held up too.
         // The library may not take what comes without a time for news: it compares with the last
-        // time that was told.
+        // time that was reported.
         let is_later = match (needs.last, value.source_timestamp) {
             (Some(last), Some(time)) => time >= last,
             _ => true,
@@ -155,7 +156,7 @@ mod tests {
     const STALE: StatusCode = StatusCode::UncertainLastUsableValue;
 
     #[test]
-    fn an_item_that_is_not_told_of_a_status_gets_no_value_that_is_not_good() {
+    fn an_item_without_a_filter_has_no_value_while_its_status_is_not_good() {
         let told = |sees_status, status| {
             let mut items = items(sees_status, true);
             items.shaped(HANDLE, value(status, 7)).value

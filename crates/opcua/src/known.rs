@@ -1,4 +1,4 @@
-//! What clients are told: the site as the stream said it last.
+//! What clients read: the site as the stream reported it last.
 //!
 //! Values, their quality and what subscribers get all come from here, so that a read never says
 //! something else than a subscription does.
@@ -18,7 +18,7 @@ pub(crate) const ROUND_TRIP: &str = "RoundTrip";
 /// The first part of the names of the nodes of lines.
 pub(crate) const LINE: &str = "line";
 
-/// The site as it was told.
+/// The site as it was reported last.
 #[derive(Debug, Default)]
 pub(crate) struct KnownSite {
     /// The modules that are shown; empty for all.

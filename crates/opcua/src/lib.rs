@@ -1,8 +1,8 @@
 //! A site as an OPC UA server: lines, modules and points as nodes, each value with its quality and
 //! source time, and each write answered with how the command ended.
 //!
-//! - What a client is told of a value and of a command: `status`.
-//! - The nodes: `space`. What is known of them: `known`. What each monitored item can be told:
+//! - The status of a value and of a command: `status`.
+//! - The nodes: `space`. What is known of them: `known`. What each monitored item may report:
 //!   `items`.
 //! - What the library asks of us: `manager`. Commands: `orders`. The history: `past`.
 //! - Who a client is: `login`. Whom to trust: `certificates`.

@@ -252,7 +252,7 @@ impl SiteManager {
         self.shared.known().value(name, |told| {
             let (module, point) = (&told.module, told.point);
             let now = service.point(module, point)?;
-            // Only where it says the same: what has changed is about to be told.
+            // Only where it says the same: a change is about to be reported.
             let is_same = now.value == told.value && now.quality == told.quality;
             now.time.filter(|_| is_same)
         })
@@ -408,7 +408,7 @@ impl InMemoryNodeManagerImpl for SiteManager {
         space: &RwLock<AddressSpace>,
         items: &mut [&mut &mut CreateMonitoredItem],
     ) {
-        // Without a pause from here until the library has the items: nothing is told in between.
+        // The read never waits: until the library has the items nothing is reported in between.
         let asked: Vec<_> = items
             .iter()
             .map(|item| item.item_to_monitor().clone())
@@ -437,7 +437,7 @@ impl InMemoryNodeManagerImpl for SiteManager {
         mode: MonitoringMode,
         items: &[&MonitoredItemRef],
     ) {
-        // While it was disabled, nothing was told.
+        // While it was disabled, nothing was reported.
         if mode != MonitoringMode::Disabled {
             let items: Vec<_> = items
                 .iter()

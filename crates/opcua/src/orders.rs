@@ -57,7 +57,7 @@ pub(crate) fn asked(
     if write.index_range != NumericRange::None {
         return Err(StatusCode::BadIndexRangeNoData);
     }
-    // Nobody switches anything with a value that is said to be none.
+    // A value with a status that is not good switches nothing.
     if write.value.status.is_some_and(|status| !status.is_good()) {
         return Err(StatusCode::BadWriteNotSupported);
     }

@@ -55,7 +55,7 @@ pub struct OpcuaSetup {
     pub site: String,
     /// What commands come by, as logs have it.
     pub via: String,
-    /// Where clients connect to: this is told them.
+    /// The host of the endpoint URL that clients get.
     pub host: String,
     /// The port of it.
     pub port: u16,

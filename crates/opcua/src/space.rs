@@ -21,7 +21,7 @@ pub(crate) const NAMESPACE: &str = "urn:railbus:site";
 /// module has such a name.
 const ROOT: &str = "railbus";
 const ROOT_ID: &str = "/railbus";
-/// What a client that waits for a change of a point is told of how often it can change, in ms.
+/// The minimum sampling interval of a point, in ms.
 const FASTEST_MS: f64 = 0.0;
 
 /// Makes the nodes.

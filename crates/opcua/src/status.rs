@@ -23,7 +23,7 @@ pub(crate) const fn of_quality(quality: PointQuality) -> StatusCode {
 /// How a command ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct OrderEnd {
-    /// What a client is told.
+    /// The status code that a client gets.
     pub(crate) status: StatusCode,
     /// The same in the words of all interfaces: `readback`, `reply`, `sent`, `unknown`, `failed`.
     pub(crate) end: &'static str,

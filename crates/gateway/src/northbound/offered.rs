@@ -42,7 +42,7 @@ pub struct MqttOffer {
     pub modules: Vec<MqttOfferModule>,
     /// The same for Home Assistant's own configuration.
     pub entities: Vec<HomeEntity>,
-    /// Whether Home Assistant is told of the modules anyway.
+    /// Whether Home Assistant discovery is on.
     pub is_discovered: bool,
 }
 
@@ -68,7 +68,7 @@ pub struct MqttOfferPoint {
     pub point: Point,
     /// The topic of its value.
     pub state: String,
-    /// The topic that switches it, if the outlet may, and nobody has to confirm it.
+    /// The topic that switches it, if the outlet may and no confirmation is required.
     pub set: Option<String>,
 }
 
@@ -107,7 +107,7 @@ pub struct ModbusOfferPoint {
     pub place: ModbusPlace,
     /// The number of its bit or first register, from 0.
     pub address: u16,
-    /// Whether the outlet may switch it, and nobody has to confirm it.
+    /// Whether the outlet may switch it and no confirmation is required.
     pub may_switch: bool,
 }
 
@@ -179,7 +179,7 @@ pub fn shown(module: &ModuleConfig) -> impl Iterator<Item = (String, Point)> {
 }
 
 /// Whether another program may have a point as an output: one that is locked can't be switched,
-/// and where somebody has to confirm it, a program would do so unasked.
+/// and one that requires confirmation must not be switched without a person's consent.
 #[must_use]
 pub fn can_be_wired(module: &ModuleConfig, point: Point) -> bool {
     let own = module.points.get(&point);

@@ -32,7 +32,7 @@ pub(super) fn topics(settings: &Keys, site: &str) -> Topics {
     Topics::new(base, site_of(settings, site), names(settings, "modules")).with(discovery)
 }
 
-/// How Home Assistant is told of the modules in this form.
+/// Home Assistant discovery in this form.
 pub(super) fn described(settings: &Keys, site: &str, form: Form) -> Discovery {
     let prefix = text(settings, "discovery_prefix").unwrap_or(DISCOVERY);
     let is_zh = text(settings, "discovery_names") == Some("zh");
@@ -41,7 +41,7 @@ pub(super) fn described(settings: &Keys, site: &str, form: Form) -> Discovery {
     Discovery::new(form, prefix, (base, &site), is_zh, outlet::rights(settings))
 }
 
-/// How Home Assistant is told of the modules, if it is.
+/// The form of Home Assistant discovery, if it is on.
 fn form(settings: &Keys) -> Option<Form> {
     match text(settings, "discovery") {
         Some("device") => Some(Form::Device),

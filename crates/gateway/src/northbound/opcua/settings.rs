@@ -25,7 +25,7 @@ pub(super) fn listen(settings: &Keys) -> SocketAddr {
     network::listen(settings, LISTEN).unwrap_or(LISTEN)
 }
 
-/// Where clients connect to, as they are told.
+/// The host of the endpoint URL that clients get.
 pub(super) fn host(settings: &Keys, at: SocketAddr) -> String {
     let machine = || {
         let name = rustix::system::uname();

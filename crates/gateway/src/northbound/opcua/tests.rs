@@ -79,7 +79,7 @@ async fn an_identity_has_the_rights_of_its_account_as_they_are_now() {
     let rights = users.user(&li).unwrap().rights;
     assert!(rights.may_switch("oven", "k1").is_err() && rights.may_switch("oven", "k2").is_ok());
 
-    // Nobody goes on under an old password, or without an account.
+    // A changed password or a locked account ends the sessions signed in before.
     change(json!({"password": "another horse battery"})).await;
     assert!(users.user(&li).is_none());
     users.revoked().await;
@@ -92,7 +92,7 @@ async fn an_identity_has_the_rights_of_its_account_as_they_are_now() {
 }
 
 #[tokio::test]
-async fn a_token_signs_in_and_nobody_else_without_a_password() {
+async fn only_a_token_signs_in_without_a_password() {
     let served = Served::start("tokens").await;
     served.user("admin", Role::Admin, &[]).await;
     let body = json!({"name": "grafana", "role": "viewer"}).to_string();

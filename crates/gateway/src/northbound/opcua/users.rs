@@ -44,7 +44,7 @@ impl OutletUsers {
             .unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Returns once somebody who signed in may do nothing any more: their subscriptions must end.
+    /// Returns once a session's account may do nothing any more: its subscriptions must end.
     pub(super) async fn revoked(&self) {
         let mut changes = self.accounts.follow_changes();
         loop {

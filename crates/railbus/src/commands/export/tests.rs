@@ -144,7 +144,7 @@ fn only_what_may_be_switched_unasked_has_buttons() {
         assert!(names.contains(&"k1 ON".to_owned()), "{names:?}");
         let guarded = |name: &&String| ["k3 ", "k4 "].iter().any(|label| name.starts_with(label));
         assert_eq!(names.iter().find(guarded), None);
-        // Of the oven; the tank has one of this label that nobody has to confirm.
+        // Of the oven; the tank has one of this label that requires no confirmation.
         assert_eq!(names.iter().filter(|name| *name == "k2 ON").count(), 1);
     }
     let few = "[outlet.home]\ntype = \"mqtt\"\nwrite = [\"oven.k1\"]\n";
