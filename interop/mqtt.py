@@ -10,55 +10,13 @@ import tempfile
 import threading
 import time
 
-from judge.daemon import Daemon
-from modbus_tcp import HOST, PATIENCE, Simulator, until
+from modbus_tcp import HOST, PATIENCE, until
+from outlet_plant import OutletPlant
 from rig import Tally
 
 # Where Debian has the broker.
 MOSQUITTO = shutil.which("mosquitto") or "/usr/sbin/mosquitto"
 USER, PASSWORD = "railbus", "correct horse"
-# From this age on a value is stale, in seconds.
-MAX_AGE = 2
-SITE = """
-[line.main]
-port = "pty:{line}"
-baud = 19200
-
-[module.oven]
-line = "main"
-model = "erc8"
-address = 3
-poll = "300ms"
-max_age = "2s"
-sim = {{ turnaround = "30ms" }}
-
-[module.hall]
-line = "main"
-model = "eda9060a"
-address = 1
-poll = "300ms"
-max_age = "2s"
-sim = {{ turnaround = "30ms", inputs = {{ di0 = 1, di1 = 0 }} }}
-
-[module.tank]
-line = "main"
-model = "emd2a2q"
-address = 5
-poll = "300ms"
-max_age = "2s"
-sim = {{ turnaround = "30ms", inputs = {{ ai1 = 8.71, ai2 = 2.50 }} }}
-
-[module.oven.point]
-k4 = {{ interlock = ["oven.k5"] }}
-k6 = {{ locked = true }}
-k7 = {{ confirm = true }}
-
-[group.lamps]
-members = ["oven.k1", "hall.do0"]
-
-[scene.night]
-steps = [{{ set = "oven.k2", to = true }}, {{ set = "hall.do1", to = true }}]
-"""
 
 
 def free_port():
@@ -278,47 +236,31 @@ class Watcher:
         self.process.stdout.close()
 
 
-class Plant:
+class Plant(OutletPlant):
     """Simulated modules, and a daemon that serves them at a broker."""
 
+    kind = "mqtt"
+
     def __init__(self, broker, version="auto", port=None, tally=None, **settings):
-        self.tally = tally or Tally("MQTT")
-        self.broker = broker
-        self.folder = tempfile.TemporaryDirectory(prefix="railbus-interop-")
-        self.settings = {**broker.settings(), "version": version, "site": "plant", **settings}
+        settings = {**broker.settings(), "version": version, "site": "plant", **settings}
         if port:
-            self.settings["port"] = port
+            settings["port"] = port
+        super().__init__(tally or Tally("MQTT"), settings)
+        self.broker = broker
         self.password = PASSWORD if "password" in broker.kinds else None
-        self.site = SITE.format(line=os.path.join(self.folder.name, "line"))
-        self.daemon = Daemon(self.folder.name, self.text())
-        self.sim = Simulator(self.folder.name, self.daemon.config)
         self.spoken = {"3.1.1": "mqttv311"}.get(version, "mqttv5")
         self.watcher = None
 
-    def text(self, **settings):
-        """The configuration."""
-        settings = {**self.settings, **settings}
-        text = self.site + '\n[outlet.scada]\ntype = "mqtt"\n'
-        return text + "".join(f"{key} = {json.dumps(value)}\n" for key, value in settings.items())
+    def started(self):
+        """Follows what is published from the beginning."""
+        if self.password:
+            self.ask("PUT", "/outlets/mqtt/scada/secret", {"secret": self.password})
+        self.watch()
 
-    def __enter__(self):
-        try:
-            self.sim.start()
-            self.daemon.start()
-            if self.password:
-                self.ask("PUT", "/outlets/mqtt/scada/secret", {"secret": self.password})
-            self.watch()
-        except BaseException:
-            self.__exit__()
-            raise
-        return self
-
-    def __exit__(self, *_):
+    def __exit__(self, *words):
         if self.watcher:
             self.watcher.close()
-        self.daemon.close()
-        self.sim.kill()
-        self.folder.cleanup()
+        super().__exit__(*words)
 
     def watch(self):
         """Begins to follow what is published."""
@@ -326,22 +268,9 @@ class Plant:
             self.watcher.close()
         self.watcher = Watcher(self.broker, self.spoken)
 
-    def ask(self, method, path, body=None):
-        """Asks the daemon."""
-        status, answer = self.daemon.ask(method, path, body)
-        if status >= 300:
-            raise RuntimeError(f"{method} {path}: {status}, {answer}")
-        return answer
-
-    def outlet(self):
-        """How the outlet does."""
-        [found] = [each for each in self.ask("GET", "/outlets")["outlets"]
-                   if each["outlet"] == "scada"]
-        return found
-
     def code(self):
         """The code of its last failure."""
-        return self.outlet().get("last_error", {}).get("problem", {}).get("code")
+        return self.problem().get("code")
 
     def newest(self, topic):
         """The newest payload of a topic of the site."""
@@ -376,10 +305,6 @@ class Plant:
         until(lambda: len(self.watcher.all(result)) > before)
         found = self.watcher.all(result)[before:]
         return json.loads(found[0]) if found else None
-
-    def check(self, entries, got, want, what=""):
-        """Counts."""
-        self.tally.check(entries, got, want, what)
 
     def told(self, entries, topic, want, what=""):
         """This is the newest of a topic, at last."""

@@ -6,7 +6,8 @@ import signal
 import time
 
 from modbus_tcp import until
-from mqtt import MAX_AGE, PASSWORD, Broker, OldBroker, Plant, Watcher, free_port
+from mqtt import PASSWORD, Broker, OldBroker, Plant, Watcher, free_port
+from outlet_plant import MAX_AGE
 
 ALL = {"write": ["*"]}
 OFF = [0] * 8

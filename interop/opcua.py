@@ -1,11 +1,8 @@
 """What the suite of the OPC UA server needs: modules, the daemon, and a client by others."""
 
-import json
 import logging
-import os
 import pathlib
 import subprocess
-import tempfile
 import threading
 import time
 
@@ -14,9 +11,9 @@ from asyncua.common.subscription import Subscription
 from asyncua.crypto import security_policies
 from asyncua.sync import ThreadLoop
 
-from judge.daemon import Daemon
-from modbus_tcp import HOST, Simulator, until
-from mqtt import SITE, free_port
+from modbus_tcp import HOST, until
+from mqtt import free_port
+from outlet_plant import SELDOM, OutletPlant
 from rig import Tally
 
 NAMESPACE = "urn:railbus:site"
@@ -30,18 +27,6 @@ POLICIES = {
 }
 # A client that says what it goes through on the terminal.
 logging.getLogger("asyncua").setLevel(logging.CRITICAL)
-
-
-# A module that is read too seldom for how old its values may be: stale, while it answers.
-SELDOM = """
-[module.yard]
-line = "main"
-model = "erc8"
-address = 9
-poll = "4s"
-max_age = "1s"
-sim = {{ turnaround = "30ms" }}
-"""
 
 
 class Certificates:
@@ -241,60 +226,31 @@ class Session:
                  each.SourceTimestamp) for each in kept]
 
 
-class Plant:
+class Plant(OutletPlant):
     """Simulated modules, and a daemon that serves them."""
 
+    kind = "opcua"
+    # Modules no value of which is ever known.
+    unread = ()
+
     def __init__(self, tally=None, **settings):
-        self.tally = tally or Tally("OPC UA")
-        self.folder = tempfile.TemporaryDirectory(prefix="railbus-interop-")
         held, self.port = free_port()
         held.close()
-        self.settings = {"listen": f"{HOST}:{self.port}", **settings}
-        self.site = (SITE + SELDOM).format(line=os.path.join(self.folder.name, "line"))
-        text = self.site + '\n[outlet.scada]\ntype = "opcua"\n'
-        text += "".join(f"{key} = {json.dumps(value)}\n" for key, value in self.settings.items())
-        self.daemon = Daemon(self.folder.name, text)
-        self.sim = Simulator(self.folder.name, self.daemon.config)
+        settings = {"listen": f"{HOST}:{self.port}", **settings}
+        super().__init__(tally or Tally("OPC UA"), settings, SELDOM)
 
-    def __enter__(self):
-        try:
-            self.sim.start()
-            self.daemon.start()
-            for name, (role, points) in USERS.items():
-                self.ask("POST", "/users", {"name": name, "role": role, "points": points,
-                                            "password": PASSWORD})
-            self.settled()
-        except BaseException:
-            self.__exit__()
-            raise
-        return self
-
-    def __exit__(self, *_):
-        self.daemon.close()
-        self.sim.kill()
-        self.folder.cleanup()
-
-    def ask(self, method, path, body=None):
-        """Asks the daemon."""
-        status, answer = self.daemon.ask(method, path, body)
-        if status >= 300:
-            raise RuntimeError(f"{method} {path}: {status}, {answer}")
-        return answer
-
-    def outlet(self):
-        """How the outlet does."""
-        [found] = [each for each in self.ask("GET", "/outlets")["outlets"]
-                   if each["outlet"] == "scada"]
-        return found
-
-    def problem(self):
-        """Its last failure."""
-        return self.outlet().get("last_error", {}).get("problem", {})
+    def started(self):
+        """Makes the users, and waits for the values."""
+        for name, (role, points) in USERS.items():
+            self.ask("POST", "/users", {"name": name, "role": role, "points": points,
+                                        "password": PASSWORD})
+        self.settled()
 
     def settled(self):
-        """Waits until it serves, and every value is known."""
+        """Waits until it serves, and every value is known that is read."""
         points = lambda: self.ask("GET", "/points")["points"]
-        is_known = lambda: all(each["quality"] in ("good", "stale") for each in points())
+        is_known = lambda: all(each["quality"] in ("good", "stale") for each in points()
+                               if each["module"] not in self.unread)
         if not until(lambda: self.outlet()["state"] == "running" and is_known()):
             raise RuntimeError(f"it does not serve: {self.outlet()}")
 
@@ -312,10 +268,6 @@ class Plant:
             except OSError:
                 if time.monotonic() > deadline:
                     raise
-
-    def check(self, entries, got, want, what=""):
-        """Counts."""
-        self.tally.check(entries, got, want, what)
 
     def told(self, entries, told, name, want, what=""):
         """This is what was told last, at last."""

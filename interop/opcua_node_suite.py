@@ -116,6 +116,8 @@ def said(value):
 class Plant(opcua.Plant):
     """The same plant with more modules, and this client with a session of `li`."""
 
+    unread = ("dusk",)
+
     def __init__(self, tally):
         super().__init__(tally)
         with open(self.daemon.config, "a", encoding="utf-8") as file:
@@ -136,14 +138,6 @@ class Plant(opcua.Plant):
         if self.peer:
             self.peer.close()
         super().__exit__()
-
-    def settled(self):
-        """Waits until it serves, and every value is known that is read."""
-        points = lambda: self.ask("GET", "/points")["points"]
-        known = lambda: all(each["quality"] in ("good", "stale") or each["module"] == "dusk"
-                            for each in points())
-        if not until(lambda: self.outlet()["state"] == "running" and known()):
-            raise RuntimeError(f"it does not serve: {self.outlet()}")
 
     def sign_in(self, user, **how):
         """A session of a user, called as the user is unless `as` says otherwise."""

@@ -6,12 +6,11 @@ import os
 import signal
 import socket
 import threading
-import time
 
 from asyncua import ua
 
 from modbus_tcp import HOST, until
-from opcua import PASSWORD, POLICIES, Certificates, Plant, Session
+from opcua import PASSWORD, POLICIES, Certificates, Plant
 
 OFF = [0] * 8
 GOOD, STALE = "Good", "UncertainLastUsableValue"

@@ -2,18 +2,15 @@
 application by others, the daemon, and the rules that hold for everything that an edge node says."""
 
 import json
-import os
 import pathlib
 import re
 import subprocess
-import tempfile
 import threading
 import time
 
 import mqtt
-from judge.daemon import Daemon
-from modbus_tcp import HOST, PATIENCE, Simulator, until
-from mqtt import SITE
+from modbus_tcp import HOST, PATIENCE, until
+from outlet_plant import SELDOM, OutletPlant
 from proxy import Proxy
 from rig import ROOT, Tally
 
@@ -24,16 +21,6 @@ PYTHON = ROOT / "target/sparkplug-venv/bin/python"
 GROUP, NODE, CLIENT = "works", "line7", "railbus-edge"
 # What the host may switch.
 WRITE = ["oven.k1", "oven.k2", "hall.do0"]
-# A module that is read too seldom for how old its values may be: stale, while it answers.
-SELDOM = """
-[module.yard]
-line = "main"
-model = "erc8"
-address = 9
-poll = "4s"
-max_age = "1s"
-sim = {{ turnaround = "30ms" }}
-"""
 GOOD, STALE, BAD = 192, 500, 0
 # The metrics beside the points.
 LAST = {"Last Command/Metric": "STRING", "Last Command/End": "STRING",
@@ -181,62 +168,26 @@ def is_answer(message):
     return metric(message, "Last Command/End") is not None
 
 
-class Plant:
+class Plant(OutletPlant):
     """Simulated modules, a daemon that is an edge node at a broker, and a host by others."""
 
+    kind, name = "sparkplug", "plant"
+
     def __init__(self, broker, version="auto", tally=None, **settings):
-        self.tally = tally or Tally("Sparkplug")
         self.broker, self.gate, self.host = broker, Proxy(broker), Host(broker)
-        self.folder = tempfile.TemporaryDirectory(prefix="railbus-interop-")
-        self.settings = {"host": HOST, "port": self.gate.port, "version": version, "group": GROUP,
-                         "node": NODE, "client_id": CLIENT, "write": WRITE, **settings}
-        line = os.path.join(self.folder.name, "line")
-        self.site = (SITE + SELDOM).format(line=line)
-        self.daemon = Daemon(self.folder.name, self.text())
-        self.sim = Simulator(self.folder.name, self.daemon.config)
+        settings = {"host": HOST, "port": self.gate.port, "version": version, "group": GROUP,
+                    "node": NODE, "client_id": CLIENT, "write": WRITE, **settings}
+        super().__init__(tally or Tally("Sparkplug"), settings, SELDOM)
 
-    def text(self):
-        """The configuration."""
-        lines = [f"{key} = {json.dumps(value)}\n" for key, value in self.settings.items()]
-        return self.site + '\n[outlet.plant]\ntype = "sparkplug"\n' + "".join(lines)
-
-    def __enter__(self):
-        try:
-            self.sim.start()
-            self.daemon.start()
-        except BaseException:
-            self.__exit__()
-            raise
-        return self
-
-    def __exit__(self, *_):
-        self.daemon.close()
-        self.sim.kill()
+    def __exit__(self, *words):
+        super().__exit__(*words)
         self.host.stop()
         self.gate.close()
-        self.folder.cleanup()
-
-    def ask(self, method, path, body=None):
-        """Asks the daemon."""
-        status, answer = self.daemon.ask(method, path, body)
-        if status >= 300:
-            raise RuntimeError(f"{method} {path}: {status}, {answer}")
-        return answer
-
-    def outlet(self):
-        """How the outlet does."""
-        [found] = [each for each in self.ask("GET", "/outlets")["outlets"]
-                   if each["outlet"] == "plant"]
-        return found
 
     def points(self, module):
         """The points of a module by their labels, as the API has them."""
         return {each["label"]: each for each in self.ask("GET", "/points")["points"]
                 if each["module"] == module}
-
-    def check(self, entries, got, want, what=""):
-        """Counts."""
-        self.tally.check(entries, got, want, what)
 
     # What the node says -----------------------------------------------------------------------
 
