@@ -15,7 +15,6 @@ from modbus_tcp import HOST, PATIENCE, until
 from opcua import NAMESPACE, PASSWORD
 from rig import ROOT, Tally
 
-FOLDER = ROOT / "target/opcua-node"
 GOOD, STALE, GONE, UNKNOWN = ("Good", "UncertainLastUsableValue", "BadNoCommunication",
                               "BadNodeIdUnknown")
 NEVER_READ = "BadWaitingForInitialData"
@@ -58,7 +57,7 @@ class Peer:
         self.common = {"url": f"opc.tcp://{HOST}:{port}/", "namespace": NAMESPACE,
                        "pki": os.path.join(folder, "clients")}
         script = ROOT / "interop/opcua-node/client.mjs"
-        self.process = subprocess.Popen([node(), script, FOLDER], stdin=subprocess.PIPE, text=True,
+        self.process = subprocess.Popen([node(), script], stdin=subprocess.PIPE, text=True,
                                         stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
         self.answers, self.told, self.lock = queue.Queue(), [], threading.Lock()
         self.thread = threading.Thread(target=self._run, daemon=True)

@@ -20,15 +20,14 @@ import tables
 PYTHON = ("pymodbus", "serial", "asyncua", "yaml")
 # A host application for Sparkplug; it needs an older paho-mqtt, and so a Python of its own.
 SPARKPLUG = ("target/sparkplug-venv", "pysparkplug==0.6.1", "paho-mqtt==1.6.1")
-# An OPC UA client in JavaScript: where its lock file is, and where it is installed.
-OPCUA_NODE = ("interop/opcua-node", "target/opcua-node")
 PROGRAMS = {
     "gcc": "gcc", "pkg-config": "pkg-config", "mbpoll": "mbpoll", "socat": "socat",
     "mosquitto": "mosquitto", "mosquitto_sub": "mosquitto-clients", "openssl": "openssl",
     "prometheus": "prometheus",
 }
 # Packages of Node, by their folder: what is there once they are installed.
-NODE = {"interop/node": "node-red", "web": "typescript"}
+NODE = {"interop/node": "node-red", "interop/opcua-node": "node-opcua-client",
+        "web": "typescript"}
 
 # Suites in parallel: they mostly wait for a line that is as slow as a real one.
 WORKERS = 12
@@ -45,7 +44,6 @@ def missing():
     lines += missing_of_sparkplug()
     lines += [f"npm ci --prefix {folder}" for folder, package in NODE.items()
               if not (rig.ROOT / folder / "node_modules" / package).is_dir()]
-    lines += missing_of_opcua_node()
     # Debian has servers where only root looks for them.
     path = os.pathsep.join([os.environ.get("PATH", ""), "/usr/sbin"])
     packages = [name for program, name in PROGRAMS.items() if not shutil.which(program, path=path)]
@@ -68,17 +66,6 @@ def missing_of_sparkplug():
         return []
     pip = f"{venv}/bin/python -m pip install {' '.join(packages)}"
     return [f"python3 -m venv --clear {venv} && {pip}"]
-
-
-def missing_of_opcua_node():
-    """The command that installs the OPC UA client in JavaScript."""
-    ours, there = (rig.ROOT / folder / "package-lock.json" for folder in OPCUA_NODE)
-    installed = there.parent / "node_modules/.package-lock.json"
-    if installed.exists() and there.exists() and there.read_bytes() == ours.read_bytes():
-        return []
-    source, folder = OPCUA_NODE
-    npm = f"npm ci --prefix {folder} --ignore-scripts"
-    return [f"mkdir -p {folder} && cp {source}/package*.json {folder} && {npm}"]
 
 
 def build():

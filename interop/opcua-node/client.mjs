@@ -1,21 +1,19 @@
 // A client of an OPC UA server by node-opcua. Each line on its input is an order in JSON, answered
 // by a line: `{"done": …}` or `{"failed": …}`. What subscriptions are told comes in between, as
-// `{"told": …}`. The one argument is the folder with the packages.
+// `{"told": …}`.
 
 import { createHash } from "node:crypto";
 import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { createInterface } from "node:readline";
-import { pathToFileURL } from "node:url";
 
 const say = (line) => process.stdout.write(`${JSON.stringify(line)}\n`);
 // What packages say there is none of our lines.
 console.log = console.info = console.warn = console.error;
 
-const [folder] = process.argv.slice(2);
-const load = (name) => import(pathToFileURL(join(folder, `node_modules/${name}/dist/index.js`)));
-const ua = await load("node-opcua-client");
-const { OPCUACertificateManager } = await load("node-opcua-certificate-manager");
+// Only now: what they print as they are loaded is silenced, too.
+const ua = await import("node-opcua-client");
+const { OPCUACertificateManager } = await import("node-opcua-certificate-manager");
 
 /** The sessions by their names: client, session, and the index of our namespace. */
 const sessions = new Map();

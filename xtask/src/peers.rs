@@ -4,15 +4,15 @@
 //! They are installed only if that needs no interaction: as root, or with passwordless sudo.
 //! Otherwise the command to run is printed.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::firmware;
 use crate::run::{self, Error, Result};
 use crate::web;
 
-/// Node-RED, and Grafana's types: programs by others that take what railbus exports.
-const NODE: &str = "interop/node";
+/// The folders of Node packages: Node-RED and Grafana's types, which take what railbus exports, and
+/// an OPC UA client in JavaScript.
+const NODE: &[&str] = &["interop/node", "interop/opcua-node"];
 
 /// Debian packages that belong together.
 struct Packages {
@@ -89,12 +89,6 @@ const SPARKPLUG: Venv = Venv {
     ],
 };
 
-/// An OPC UA client in JavaScript: where its lock file is, and where its packages are installed.
-/// `interop/` names both, too.
-const OPCUA_NODE: (&str, &str) = ("interop/opcua-node", "target/opcua-node");
-
-const LOCK: &str = "package-lock.json";
-
 impl Venv {
     fn python(&self, root: &Path) -> PathBuf {
         root.join(self.folder).join("bin/python")
@@ -111,8 +105,8 @@ pub(crate) fn install(root: &Path) -> Result<()> {
     debian(root)?;
     python_packages(root, &PEERS)?;
     python_packages(root, &SPARKPLUG)?;
-    web::packages(root, NODE)?;
-    node_packages(root, OPCUA_NODE)
+    NODE.iter()
+        .try_for_each(|folder| web::packages(root, folder))
 }
 
 fn debian(root: &Path) -> Result<()> {
@@ -211,36 +205,6 @@ fn python_packages(root: &Path, venv: &Venv) -> Result<()> {
     run::run(&mut pip)
 }
 
-/// Installs exactly the packages of a lock file, unless they are there.
-fn node_packages(root: &Path, (from, to): (&str, &str)) -> Result<()> {
-    let (ours, there) = (root.join(from), root.join(to));
-    if has_packages(&ours, &there) {
-        println!("Node packages: those of {from} there");
-        return Ok(());
-    }
-    let copied = fs::create_dir_all(&there).and_then(|()| {
-        fs::copy(ours.join("package.json"), there.join("package.json"))?;
-        fs::copy(ours.join(LOCK), there.join(LOCK))
-    });
-    copied
-        .map_err(|error| Error::new(format!("{to}: {error}"), "look whether it may be written"))?;
-    // The packages want a newer Node than they need.
-    let quietly = [
-        "--ignore-scripts",
-        "--no-audit",
-        "--no-fund",
-        "--loglevel=error",
-    ];
-    web::npm(root, to, &[&["ci"], &quietly[..]].concat())
-}
-
-/// Whether a folder has the packages of this one's lock file. npm writes its own file at the end.
-fn has_packages(ours: &Path, there: &Path) -> bool {
-    let lock = |folder: &Path| fs::read(folder.join(LOCK)).ok();
-    let is_whole = there.join("node_modules/.package-lock.json").is_file();
-    is_whole && lock(ours) == lock(there)
-}
-
 /// The installed packages as `name==version` lines; none if there is no working Python.
 fn python_versions(root: &Path, venv: &Venv) -> Option<String> {
     let mut list = run::program(root, &venv.python(root).to_string_lossy());
@@ -270,22 +234,6 @@ mod tests {
             !is_installed(listed, "mbpoll"),
             "another package of a longer name"
         );
-    }
-
-    #[test]
-    fn packages_of_another_lock_file_or_of_half_an_installation_are_not_enough() {
-        let folder = std::env::temp_dir().join(format!("railbus-npm-{}", std::process::id()));
-        let (ours, there) = (folder.join("ours"), folder.join("there"));
-        fs::create_dir_all(&ours).unwrap();
-        fs::create_dir_all(there.join("node_modules")).unwrap();
-        fs::write(ours.join(LOCK), "1").unwrap();
-        fs::write(there.join(LOCK), "1").unwrap();
-        assert!(!has_packages(&ours, &there), "npm has not come to its end");
-        fs::write(there.join("node_modules/.package-lock.json"), "").unwrap();
-        assert!(has_packages(&ours, &there));
-        fs::write(ours.join(LOCK), "2").unwrap();
-        assert!(!has_packages(&ours, &there), "older ones");
-        fs::remove_dir_all(folder).unwrap();
     }
 
     #[test]

@@ -114,11 +114,6 @@ impl Node {
     }
 }
 
-/// npm in a folder that has nothing to do with the pages.
-pub(crate) fn npm(root: &Path, folder: &str, args: &[&str]) -> Result<()> {
-    Node::find(root)?.npm_in(root, folder, args)
-}
-
 /// Whether `v20.19.0` is new enough.
 fn new_enough(version: &str) -> bool {
     let mut numbers = version.trim().trim_start_matches('v').split('.');
