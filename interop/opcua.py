@@ -99,10 +99,11 @@ def name_of(status):
 class Session:
     """A client with a session, in calls that wait."""
 
-    def __init__(self, port, user=None, password=PASSWORD, policy=None, files=None, called=None):
+    def __init__(self, port, user=None, password=PASSWORD, policy=None, files=None, called=None,
+                 timeout=4):
         self.loop = ThreadLoop()
         self.loop.start()
-        self.client = Client(f"opc.tcp://{HOST}:{port}/")
+        self.client = Client(f"opc.tcp://{HOST}:{port}/", timeout)
         if user:
             self.client.set_user(user)
             self.client.set_password(password)
@@ -170,9 +171,9 @@ class Session:
         [done] = self.do(self.client.uaclient.call([request]))
         return name_of(done.StatusCode), [each.Value for each in done.OutputArguments or []]
 
-    def watch(self, *names, filtered=False, interval=50.0, period=50):
+    def watch(self, *names, filtered=False, interval=50.0, period=50, told=None):
         """Begins to follow nodes; what it is told."""
-        told = Told()
+        told = told or Told()
         subscription: Subscription = self.do(self.client.create_subscription(period, told))
         wanted = None
         if filtered:

@@ -39,6 +39,7 @@ import commands
 import outlets
 from by_modbus import ByModbus
 from by_mqtt import ByMqtt
+from by_opcua import ByOpcua
 from by_sparkplug import BySparkplug
 from injector import Ascii, Lc02, Line, R55, Rtu, TcpPort, Unit
 
@@ -103,7 +104,7 @@ COLUMNS = {
 # The lines that none of those could use itself.
 COLUMNS |= {f"{outlet}, {name.split(',')[0]}": COLUMNS[name]._replace(by=by)
             for outlet, by in (("Modbus TCP", ByModbus), ("MQTT", ByMqtt),
-                               ("Sparkplug", BySparkplug))
+                               ("Sparkplug", BySparkplug), ("OPC UA", ByOpcua))
             for name in ("ascii, EDA9060A", "r55")}
 
 
@@ -856,10 +857,11 @@ def as_table(cells):
         "are as good, time decides between them. `-`: see below. Boards of other makers have a",
         "suite of their own, `interop/strangers_suite.py`: they get nothing but reads.",
         "",
-        "The columns of Modbus TCP, MQTT and Sparkplug are what a master, a subscriber and a host",
-        "are told of units on such a line. These are polled, and `right` also says that whoever",
-        "followed them all the time was never told a value that was not true, or not that it is",
-        "true no longer. What is read of a silent unit is right until it is too old.",
+        "The columns of Modbus TCP, MQTT, Sparkplug and OPC UA are what a master, a subscriber, a",
+        "host and a client are told of units on such a line. These are polled, and `right` also",
+        "says that whoever followed them all the time was never told a value that was not true, or",
+        "not that it is true no longer. What is read of a silent unit is right until it is too",
+        "old.",
         "",
         "| row | what happens | asked | " + " | ".join(COLUMNS) + " |",
         "|---" * (3 + len(COLUMNS)) + "|",
