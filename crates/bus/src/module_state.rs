@@ -29,6 +29,8 @@ const PROBE_KNOWN: Micros = Micros::from_millis(98);
 const PROBE_UNHEARD: Micros = Micros::from_millis(290);
 /// The assumed turnaround where nothing is known.
 const TURNAROUND_GUESS: Micros = Micros::from_millis(10);
+/// The longest time over which the first polls of all modules are spread.
+const SPREAD_MAX: Micros = Micros::from_secs(1);
 /// The number of turnarounds in a window.
 const WINDOW: u16 = 1000;
 
@@ -189,9 +191,11 @@ impl ModuleState {
         self.misses = 0;
     }
 
-    /// Spreads the polls over the plan's interval; this module is the `nth` of `count`.
+    /// Spreads the polls over the plan's interval, but not over more than [`SPREAD_MAX`]: a module
+    /// that is polled every ten minutes is read at the start, too. This one is the `nth` of `count`.
     pub(crate) fn start(&mut self, now: Instant, nth: usize, count: usize) {
-        let phase = self.plan.interval.0 / (count.max(1) as u64) * nth as u64;
+        let spread = self.plan.interval.min(SPREAD_MAX);
+        let phase = spread.0 / (count.max(1) as u64) * nth as u64;
         for poll in &mut self.polls {
             *poll = Poll {
                 due: now + Micros(phase),

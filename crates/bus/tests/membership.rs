@@ -66,6 +66,24 @@ fn is_seen(event: &Event, id: usize) -> bool {
 }
 
 #[test]
+fn a_module_that_is_polled_every_hour_is_read_at_the_start_too() {
+    let seldom = Plan {
+        interval: Micros::from_secs(3600),
+        ..Plan::default()
+    };
+    let mut drive = line(&[3, 4], 1);
+    let id = drive.bus.add(relays(4), seldom);
+    drive.touched();
+    let (asked, told) = run(&mut drive, Micros::from_secs(10));
+    assert!(told.iter().any(|event| is_seen(event, id.0)));
+    let polls = |address| asked.iter().filter(|(_, asked)| *asked == address).count();
+    assert!(
+        polls(3) > 10 * polls(4),
+        "the other one is read as often as it was"
+    );
+}
+
+#[test]
 fn those_that_stay_are_asked_on_as_if_nothing_had_been() {
     let mut drive = line(&[3, 4, 5], 2);
     let (before, _) = run(&mut drive, Micros::from_secs(2));
