@@ -187,6 +187,8 @@ struct Recorded {
     now: Graded,
     /// What the history has. It takes as bad what it does not know.
     kept: Graded,
+    /// The time of that sample, in milliseconds since 1970.
+    kept_at: i64,
 }
 
 /// Records the values of all points, and what becomes of lines and modules.
@@ -275,8 +277,9 @@ impl Recorder {
         }
     }
 
-    /// Records how a point is from this moment on.
-    fn record(&mut self, status: &PointStatus, from: SystemTime) {
+    /// Records how a point is, which was told at this time. A value that was read has the time of
+    /// its reading, as everywhere else.
+    fn record(&mut self, status: &PointStatus, told_at: SystemTime) {
         let Some(points) = self.points.get_mut(&status.module) else {
             return;
         };
@@ -284,9 +287,11 @@ impl Recorder {
             path: Arc::from(format!("{}.{}", status.module, status.label)),
             now: UNKNOWN,
             kept: UNKNOWN,
+            kept_at: 0,
         });
         known.now = graded(status);
-        if !known.record(&self.history, from) {
+        let read_at = status.time.filter(|_| status.quality == PointQuality::Good);
+        if !known.record(&self.history, read_at.unwrap_or(told_at), told_at) {
             self.again = Some(Instant::now() + AGAIN);
         }
     }
@@ -296,7 +301,7 @@ impl Recorder {
         self.again = None;
         let now = SystemTime::now();
         for known in self.points.values_mut().flat_map(BTreeMap::values_mut) {
-            if !known.record(&self.history, now) {
+            if !known.record(&self.history, now, now) {
                 self.again = Some(Instant::now() + AGAIN);
                 return;
             }
@@ -383,15 +388,20 @@ impl Recorder {
 
 impl Recorded {
     /// False where the history does not take it.
-    fn record(&mut self, history: &History, from: SystemTime) -> bool {
+    fn record(&mut self, history: &History, since: SystemTime, told_at: SystemTime) -> bool {
         if self.now == self.kept {
             return true;
         }
         let (value, grade) = self.now;
-        let t = millis(from);
+        let mut t = millis(since);
+        // A value can become stale after the request began that reads it anew: the sample that is
+        // told later must not lie before the one of that. After a clock was set back it may.
+        if t < self.kept_at && self.kept_at <= millis(told_at) {
+            t = self.kept_at;
+        }
         let is_taken = history.sample(Arc::clone(&self.path), Sample { t, value, grade });
         if is_taken {
-            self.kept = self.now;
+            (self.kept, self.kept_at) = (self.now, t);
         }
         is_taken
     }
@@ -455,6 +465,61 @@ mod tests {
             "[line.main]\nport = \"/dev/railbus-test-nothing-here\"\n\
              [module.oven]\nline = \"main\"\nmodel = \"{model}\"\naddress = 3\n"
         )
+    }
+
+    #[tokio::test]
+    async fn a_sample_has_the_time_of_its_reading_and_none_lies_before_an_earlier_one() {
+        let unique = format!("railbus-record-times-{}", std::process::id());
+        let folder = std::env::temp_dir().join(unique);
+        let history = History::open(&folder, Keep::default()).unwrap();
+        let service = Service::start(Config::parse(&oven("erc8")).unwrap()).unwrap();
+        let mut recorder = Recorder::new(Arc::downgrade(&service.inner), history.clone());
+        recorder.take(&service, &service.follow().next().await.unwrap());
+        let first = Point {
+            kind: PointKind::Output,
+            index: 0,
+        };
+        const BEGIN: u64 = 1_700_000_000_000;
+        let at = |ms: u64| SystemTime::UNIX_EPOCH + Duration::from_millis(BEGIN + ms);
+        let mut tell = |value: Option<bool>, quality, read_ms: u64, told_ms: u64| {
+            let mut status = service.point("oven", first).unwrap();
+            status.value = value.map(PointValue::Bool);
+            (status.quality, status.time) = (quality, Some(at(read_ms)));
+            recorder.record(&status, at(told_ms));
+        };
+        let (good, stale) = (PointQuality::Good, PointQuality::Stale);
+        tell(Some(true), good, 100, 140);
+        // Another end of a pulse: the same value, which was read again.
+        tell(Some(true), good, 200, 230);
+        tell(Some(true), stale, 200, 1_200);
+        // Its request began before that.
+        tell(Some(false), good, 1_190, 1_230);
+        tell(Some(true), good, 1_300, 1_340);
+        let offline = PointQuality::Bad(crate::BadReason::Offline);
+        tell(Some(true), offline, 1_300, 2_000);
+        // The clock was set back.
+        tell(Some(true), good, 50, 90);
+        let begin = i64::try_from(BEGIN).unwrap();
+        let chart = history.chart("oven.k1", begin, begin + 5_000, 60).await;
+        let Ok(Chart::Samples(samples)) = chart else {
+            panic!("{chart:?}");
+        };
+        let told: Vec<_> = samples
+            .iter()
+            .map(|sample| (sample.t - begin, sample.value, sample.grade))
+            .collect();
+        assert_eq!(
+            told,
+            [
+                (50, Some(1.0), SampleQuality::Good),
+                (100, Some(1.0), SampleQuality::Good),
+                (1_200, Some(0.0), SampleQuality::Good),
+                (1_300, Some(1.0), SampleQuality::Good),
+                (2_000, None, SampleQuality::Bad),
+            ]
+        );
+        service.close().await;
+        let _ = std::fs::remove_dir_all(folder);
     }
 
     #[tokio::test]
