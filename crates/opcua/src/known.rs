@@ -282,16 +282,21 @@ pub(crate) fn kept_variant(kind: PointKind, value: f64) -> Variant {
     }
 }
 
-/// A time by the clock on the wall.
+/// A time by the clock on the wall, in whole milliseconds, as the API, the history and all other
+/// outlets have it: the times of one reading can be compared.
 pub(crate) fn time(at: SystemTime) -> DateTime {
     let since = at
         .duration_since(SystemTime::UNIX_EPOCH)
         .unwrap_or_default();
-    let ticks = since.as_nanos() / 100;
     // The ticks of OPC UA are of 100 ns, and begin in 1601.
-    let ticks = i64::try_from(ticks).unwrap_or(i64::MAX - TICKS_TO_1970 - 1);
-    DateTime::from(ticks + TICKS_TO_1970)
+    let ticks = i64::try_from(since.as_millis())
+        .ok()
+        .and_then(|ms| ms.checked_mul(TICKS_PER_MS)?.checked_add(TICKS_TO_1970));
+    DateTime::from(ticks.unwrap_or(i64::MAX))
 }
+
+/// In a millisecond.
+const TICKS_PER_MS: i64 = 10_000;
 
 /// From 1601 to 1970.
 const TICKS_TO_1970: i64 = 116_444_736_000_000_000;
@@ -437,6 +442,8 @@ mod tests {
         let at = SystemTime::UNIX_EPOCH + std::time::Duration::from_millis(1_700_000_000_123);
         let ticks = time(at).ticks();
         assert_eq!(ticks, 133_444_736_001_230_000);
+        let later = at + std::time::Duration::from_micros(999);
+        assert_eq!(time(later).ticks(), ticks, "no part of a millisecond");
         assert_eq!(time(SystemTime::UNIX_EPOCH).ticks(), TICKS_TO_1970);
     }
 }
