@@ -105,6 +105,7 @@ def daemons(words):
     import modbus_tcp_suite
     import mqtt_replay_suite
     import mqtt_suite
+    import one_truth_suite
     import opcua_node_suite
     import opcua_suite
     import sparkplug_host_suite
@@ -113,7 +114,8 @@ def daemons(words):
     # The longest first.
     return chosen((faults_suite, modbus_tcp_suite, modbus_security_suite, modbus_rtu_suite,
                    modbus_line_suite, mqtt_suite, mqtt_replay_suite, sparkplug_suite,
-                   sparkplug_host_suite, opcua_suite, opcua_node_suite, exports_suite), words)
+                   sparkplug_host_suite, opcua_suite, opcua_node_suite, one_truth_suite,
+                   exports_suite), words)
 
 
 def alone(words):

@@ -655,6 +655,14 @@ a line that is gone: every value is said to be
 kill -9: the same server afterwards
 """
 
+# All ways out of the daemon at once ------------------------------------------------------------
+
+ONE_TRUTH = """
+{known,a change,a silent module,it is back}: {WebSocket,watch,history,MQTT,Sparkplug,OPC UA}
+{known,a change,a silent module,it is back}: {OPC UA history,Modbus TCP}
+read too seldom: {WebSocket,watch,history,MQTT,Sparkplug,OPC UA,OPC UA history,Modbus TCP}
+"""
+
 # The same with node-opcua ----------------------------------------------------------------------
 
 OPCUA_NODE = """
@@ -710,6 +718,7 @@ TABLES = {
     "Sparkplug": SPARKPLUG,
     "OPC UA": OPCUA,
     "OPC UA, node-opcua": OPCUA_NODE,
+    "one truth": ONE_TRUTH,
     "Modbus RTU slave": MODBUS_RTU_SLAVE,
 }
 
