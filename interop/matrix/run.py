@@ -209,8 +209,12 @@ class Case:
         self.daemon = None
 
     def __enter__(self):
-        if not self.direct:
-            self.start()
+        try:
+            if not self.direct:
+                self.start()
+        except BaseException:
+            self.__exit__()
+            raise
         return self
 
     def start(self):
