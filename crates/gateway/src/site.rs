@@ -67,6 +67,8 @@ pub(super) fn name_of(is_demo: bool, file: &Path) -> String {
     if is_demo {
         return "demo".to_owned();
     }
+    // Whatever the path is spelled like.
+    let file = railbus_app::config_file::real(file);
     let folder = file.parent().and_then(Path::file_name);
     folder.map_or_else(
         || "railbus".to_owned(),
