@@ -38,6 +38,10 @@ pub struct MqttOffer {
     pub is_tls: bool,
     /// `online` or `offline` for all.
     pub bridge: String,
+    /// Where something is published every few seconds while all is well, and nothing retained.
+    pub health: String,
+    /// How often, in seconds.
+    pub health_every_s: u64,
     /// The published modules.
     pub modules: Vec<MqttOfferModule>,
     /// The same for Home Assistant's own configuration.

@@ -24,7 +24,7 @@ use std::time::Duration;
 /// How many results and how many events wait before the oldest are dropped.
 const QUEUE_MAX: usize = 256;
 /// How often it is told how the outlet does.
-const HEALTH_EVERY: Duration = Duration::from_secs(30);
+pub(super) const HEALTH_EVERY: Duration = Duration::from_secs(10);
 /// The longest time in which a broker acknowledges a message.
 const ACKNOWLEDGED_MAX: Duration = Duration::from_secs(10);
 /// Home Assistant lets go of what is to be told in another form within this time.

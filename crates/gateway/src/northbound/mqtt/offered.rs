@@ -1,6 +1,7 @@
 //! Its topics and entities, by its settings alone.
 
 use super::discovery::{Form, by_hand};
+use super::node::HEALTH_EVERY;
 use super::settings;
 use super::topics::Facet;
 use crate::northbound::offered::{
@@ -41,6 +42,8 @@ pub(super) fn offer(name: &str, settings: &Keys, site: &str, config: &Config) ->
         port: broker.port,
         is_tls: broker.is_tls,
         bridge: topics.bridge_state(),
+        health: topics.bridge_health(),
+        health_every_s: HEALTH_EVERY.as_secs(),
         modules: modules.map(of_module).collect(),
         entities: entities
             .map(|(kind, config)| HomeEntity { kind, config })

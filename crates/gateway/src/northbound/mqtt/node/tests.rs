@@ -551,7 +551,9 @@ fn refusing(node: &mut Node, now: Duration, refused: &[&str]) -> Vec<(String, St
                 false => Verdict::Taken,
             };
             node.handle(now, Input::Taken(number, verdict));
-            told.push((topic, String::from_utf8(message.payload).unwrap()));
+            if topic != "bridge/health" {
+                told.push((topic, String::from_utf8(message.payload).unwrap()));
+            }
         }
     }
     told
@@ -676,17 +678,17 @@ async fn a_topic_whose_result_would_have_none_is_no_command() {
 #[tokio::test]
 async fn a_broker_that_acknowledges_nothing_is_none() {
     let (mut node, picture) = connected(OVEN).await;
-    let (begun, limit) = (Duration::from_secs(3), Duration::from_secs(13));
+    let (next, limit) = (Duration::from_secs(3), Duration::from_secs(10));
     let (on, good) = (PointValue::Bool(true), PointQuality::Good);
-    node.handle(begun, Input::News(&change(&picture, "oven.k1", on, good)));
-    let Some(Output::Publish(number, _)) = node.poll(begun) else {
+    node.handle(ZERO, Input::News(&change(&picture, "oven.k1", on, good)));
+    let Some(Output::Publish(number, _)) = node.poll(ZERO) else {
         panic!("a value");
     };
-    while node.poll(2 * begun).is_some() {}
+    while node.poll(next).is_some() {}
     assert_eq!(node.deadline(), Some(limit));
     assert!(!node.is_stuck(limit - Duration::from_millis(1)));
     assert!(node.is_stuck(limit));
     node.handle(limit, Input::Taken(number, Verdict::Taken));
     assert!(!node.is_stuck(limit), "of the next one");
-    assert!(node.is_stuck(limit + begun));
+    assert!(node.is_stuck(limit + next));
 }
