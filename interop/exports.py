@@ -88,7 +88,7 @@ class NodeRed:
         self.folder = tempfile.TemporaryDirectory(prefix="railbus-node-red-")
         self.held, self.port = free_port()
         self.flow = json.loads(json.dumps(flow))
-        self.lines, self.newest, self.lock = [], {}, threading.Lock()
+        self.lines, self.values, self.lock = [], [], threading.Lock()
         self._probe()
         folder = pathlib.Path(self.folder.name)
         (folder / "flow.json").write_text(json.dumps(self.flow), encoding="utf-8")
@@ -119,8 +119,7 @@ class NodeRed:
             said = re.search(r"probe (\[.*\])", line)
             with self.lock:
                 if said:
-                    topic, value = json.loads(said[1])
-                    self.newest[topic] = value
+                    self.values.append(json.loads(said[1]))
                 else:
                     self.lines.append(line.rstrip())
 
@@ -131,8 +130,17 @@ class NodeRed:
 
     def value(self, topic):
         """The newest value that came out for a point."""
+        return (self.all(topic) or ["nothing"])[-1]
+
+    def all(self, topic, since=0):
+        """All values that came out for a point, after so many of all points."""
         with self.lock:
-            return self.newest.get(topic, "nothing")
+            return [value for named, value in self.values[since:] if named == topic]
+
+    def count(self):
+        """How many values came out so far."""
+        with self.lock:
+            return len(self.values)
 
     def buttons(self):
         """What can be pressed, by module and name."""

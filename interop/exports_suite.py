@@ -5,6 +5,7 @@ import json
 import os
 import pathlib
 import re
+import signal
 import subprocess
 import tomllib
 
@@ -19,12 +20,15 @@ from rig import Tally
 
 tables.TABLES["exports"] = """
 prometheus: {accepted,values,a module goes,alerts}
-grafana: {as its types want it,its queries are answered}
+grafana: {as its types want it,its queries are answered,nothing of a daemon that is gone}
 nodered over {MQTT,HTTP}: {loaded,values,switched,not known is null,guarded outputs have no button}
-nodered over MQTT: without a broker
+nodered over MQTT: {without a broker,switched without a broker,without railbus}
+nodered over HTTP: a daemon that hangs
 names with any character: {ha,ha over Modbus,telegraf,prometheus,rules,nodered,grafana}
 """
 
+# How long something that must not come is waited for, in seconds.
+GRACE = 8.0
 # A name that no reader of a configuration likes.
 ODD = "a\"b\\c: 'd' #e {{f}} ${g} - [h] %i 一号\u2028\u00a0"
 
@@ -38,7 +42,7 @@ class Site(Plant):
     def url(self):
         """Where the daemon listens."""
         log = (self.daemon.folder / "log").read_text(encoding="utf-8")
-        return re.search(r"http://127\.0\.0\.1:\d+", log)[0]
+        return re.findall(r"http://127\.0\.0\.1:\d+", log)[-1]
 
     def railbus(self, *words):
         """What a command prints."""
@@ -80,6 +84,7 @@ def monitored(s):
         prometheus.start()
         scraped(s, prometheus)
         asked(s, prometheus)
+        gone(s, prometheus)
     finally:
         prometheus.close()
 
@@ -134,6 +139,27 @@ def asked(s, prometheus):
                 s.check(entry, bool(until(told)), True, expr)
 
 
+def gone(s, prometheus):
+    """What the numbers of the dashboard are when nobody is left to say them."""
+    entry = "grafana: nothing of a daemon that is gone"
+    stats = [panel for panel in json.loads(s.export("grafana"))["panels"]
+             if panel["type"] == "stat"]
+    targets = [each for panel in stats for each in panel["targets"]]
+    s.check(entry, {(each["instant"], each["range"]) for each in targets}, {(True, False)})
+    s.sim.do("power oven off")
+    offline = next(each["expr"] for each in targets if "railbus_module_up" in each["expr"]
+                   and "vector" in each["expr"])
+    until(lambda: prometheus.values(offline) == {(): 1.0})
+    s.check(entry, prometheus.values(offline), {(): 1.0}, "one module is offline")
+    s.daemon.end("KILL")
+    until(lambda: prometheus.values("up") == {(): 0.0})
+    for each in targets:
+        want = {(): 0.0} if each["expr"].startswith("up{") else {}
+        s.check(entry, prometheus.values(each["expr"]), want, each["expr"])
+    s.sim.do("power oven on")
+    s.daemon.start()
+
+
 def alerts(s):
     """What promtool is to try: what there is, and which alerts are then to be there."""
     site = yaml.safe_load(s.export("prometheus"))["scrape_configs"][0]["static_configs"][0]
@@ -155,8 +181,19 @@ def alerts(s):
     steady = {requests("ok"): "0+9x100", requests("timeout"): "0+0x100"}
     line = f'railbus_line_up{{line="main",{of}}}'
     oven = f'railbus_module_up{{line="main",module="oven",{of}}}'
+    # Another gateway whose site has the same name.
+    other = {f'railbus_module_up{{instance="b",line="main",module="{name}",{of}}}': 1
+             for name in ("hall", "oven", "tank")}
+    other[f'railbus_line_up{{instance="b",line="main",{of}}}'] = 1
+    other |= {f'railbus_point_value{{instance="b",module="{module}",point="{point}",{of}}}': 0
+              for module, points in POINTS.items() for point in points}
     cases = [
         ({}, set()),
+        (other, set()),
+        ({**other, f'railbus_line_up{{instance="b",line="main",{of}}}': 0, oven: 0},
+         {"RailbusModuleOffline", "RailbusLineAbsent"}),
+        ({**other, f'railbus_point_value{{module="oven",point="k3",{of}}}': None},
+         {"RailbusValuesNotGood"}),
         ({f'up{{job="railbus",{of}}}': 0}, {"RailbusDown"}),
         ({f"railbus_audit_up{{{of}}}": 0}, {"RailbusAuditFails"}),
         ({oven: 0}, {"RailbusModuleOffline"}),
@@ -226,19 +263,68 @@ def wired(s, way):
         s.sim.do("power oven on")
         shows("oven.k2", False)
         s.check(f"{entry}: not known is null", red.value("oven.k2"), False, "again")
-        if way == "MQTT":
-            s.broker.kill()
-            shows("hall.di0", None)
-            s.check("nodered over MQTT: without a broker", red.value("hall.di0"), None)
-            s.broker.start()
-            shows("hall.di0", True)
-            s.check("nodered over MQTT: without a broker", red.value("hall.di0"), True, "again")
-        # The editor is not asked for; what failed without a broker is told in that case.
-        failed = [line for line in red.said("[error]") if way == "HTTP"]
-        failed += red.said("Waiting for missing types")
+        failed = red.said("[error]") + red.said("Waiting for missing types")
         s.check(f"{entry}: loaded", failed, [], "it says")
+        if way == "MQTT":
+            without_broker(s, red)
+            without_railbus(s, red)
+        else:
+            hanging(s, red)
     finally:
         red.close()
+
+
+def without_broker(s, red):
+    """The broker is away, and a relay is switched meanwhile."""
+    entry = "nodered over MQTT: without a broker"
+    shows = lambda point, want: until(lambda: red.value(point) == want)
+    s.broker.kill()
+    shows("hall.di0", None)
+    s.check(entry, red.value("hall.di0"), None)
+    since = red.count()
+    s.ask("PUT", "/points/oven/k2", {"value": True})
+    s.broker.start()
+    shows("oven.k2", True)
+    # Not what the broker's clients knew before.
+    s.check("nodered over MQTT: switched without a broker", red.all("oven.k2", since), [True])
+    shows("hall.di0", True)
+    s.check(entry, red.value("hall.di0"), True, "again")
+
+
+def without_railbus(s, red):
+    """Broker and railbus are gone, and a broker comes back that has kept what railbus said."""
+    entry = "nodered over MQTT: without railbus"
+    s.broker.kill()
+    until(lambda: red.value("oven.k2") is None)
+    s.daemon.end("KILL")
+    s.broker.start()
+    kept = {"bridge/state": "online", "oven/availability": "online", "oven/k2/state": "ON"}
+    for topic, payload in kept.items():
+        s.publish(topic, payload, "-r")
+    since, connected = red.count(), len(red.said("Connected to broker"))
+    if not until(lambda: len(red.said("Connected to broker")) > connected):
+        raise RuntimeError("Node-RED does not find the broker again")
+    until(lambda: red.count() > since, GRACE)
+    s.check(entry, red.all("oven.k2", since), [], "kept by the broker")
+    # That it would have been shown.
+    s.publish("bridge/health", "{}")
+    until(lambda: red.value("oven.k2") is True)
+    s.check(entry, red.value("oven.k2"), True, "a sign of life")
+    until(lambda: red.value("oven.k2") is None)
+    s.check(entry, red.value("oven.k2"), None, "and no other one")
+
+
+def hanging(s, red):
+    """The daemon stands still, with its connections open."""
+    entry = "nodered over HTTP: a daemon that hangs"
+    os.kill(s.daemon.process.pid, signal.SIGSTOP)
+    try:
+        until(lambda: red.value("hall.di0") is None)
+        s.check(entry, red.value("hall.di0"), None)
+    finally:
+        os.kill(s.daemon.process.pid, signal.SIGCONT)
+    until(lambda: red.value("hall.di0") is True)
+    s.check(entry, red.value("hall.di0"), True, "again")
 
 
 def odd(s):

@@ -71,6 +71,7 @@ pub(crate) fn define(lang: Lang) -> Command {
                 .hide_default_value(true),
         )
         .arg(args::flag(lang, "outlet", ExportText::Outlet).value_name("NAME"))
+        .arg(args::flag(lang, "site", ExportText::Site).value_name("NAME"))
         .arg(args::flag(lang, "http", ExportText::Http).action(ArgAction::SetTrue))
         .arg(args::flag(lang, "rules", ExportText::Rules).action(ArgAction::SetTrue))
 }

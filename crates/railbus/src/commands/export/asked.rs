@@ -1,5 +1,6 @@
 //! What is asked for: the site, its flags, and the outlet that another program is to use.
 
+use super::quote::quoted;
 use super::texts::ExportText;
 use crate::commands::Context;
 use clap::ArgMatches;
@@ -78,6 +79,7 @@ impl<'a> Asked<'a> {
         let asked = Asked::about((context.lang, form), found, url.unwrap_or_else(usual));
         Asked {
             outlet: text("outlet"),
+            site: text("site").map_or(asked.site, str::to_owned),
             is_http: matches.get_flag("http"),
             ..asked
         }
@@ -139,6 +141,26 @@ impl<'a> Asked<'a> {
                 let known: Vec<&str> = fitting.iter().map(|(_, offer)| &*offer.outlet).collect();
                 Err(of(&known, Code::ExportWhich).because(known.join(" ")))
             }
+        }
+    }
+
+    /// The labels of Prometheus that select the site.
+    pub(super) fn of_site(&self) -> String {
+        format!("site={}", quoted(&self.site))
+    }
+
+    /// The same without modules that are not polled: one that nobody asks is not known to be
+    /// offline.
+    pub(super) fn of_polled(&self) -> String {
+        let modules = self.config.modules.iter();
+        let unpolled: Vec<&str> = modules
+            .filter(|(_, module)| !module.plan.enabled)
+            .map(|(name, _)| &**name)
+            .collect();
+        match unpolled.is_empty() {
+            true => self.of_site(),
+            // A name has no character that means something in a pattern.
+            false => format!("{},module!~{}", self.of_site(), quoted(&unpolled.join("|"))),
         }
     }
 

@@ -61,11 +61,13 @@ fn query(expr: &str, legend: &str) -> Value {
     })
 }
 
-/// A number that is good or not.
+/// A number that is good or not, as it is now: the last one that there was is none.
 fn stat(title: &str, expr: &str, colours: Value, mappings: Value) -> Value {
+    let mut query = query(expr, "");
+    (query["range"], query["instant"]) = (false.into(), true.into());
     json!({
         "type": "stat", "title": title, "datasource": source(),
-        "targets": [query(expr, "")],
+        "targets": [query],
         "fieldConfig": {
             "defaults": {
                 "thresholds": { "mode": "absolute", "steps": colours },
@@ -137,7 +139,7 @@ fn bad_from_one(colour: &str) -> Value {
 /// The dashboard.
 pub(super) fn file(asked: &Asked<'_>) -> File {
     let text = |text: ExportText| asked.lang.get(text);
-    let of = format!("site={}", quoted(&asked.site));
+    let of = asked.of_site();
     let mut board = Board::default();
     overview(asked, &of, &mut board);
     board.row(8, text(ExportText::GrafanaValues));
@@ -178,15 +180,14 @@ fn overview(asked: &Asked<'_>, of: &str, board: &mut Board) {
         (text(ExportText::Yes), "green"),
     ];
     let good = json!([{ "color": "red", "value": null }, { "color": "green", "value": 1 }]);
-    let count = |metric: &str| format!("count({metric}{{{of}}} == 0) or vector(0)");
+    // A daemon that does not answer says nothing of what it had said before, and not 0 either.
+    let up = format!("up{{job=\"railbus\",{of}}}");
+    let count = |metric: &str, of: &str| {
+        format!("(count({metric}{{{of}}} == 0) or vector(0)) and on () ({up} == 1)")
+    };
     let one = (4, 4);
     for (title, expr, colours, mappings) in [
-        (
-            ExportText::GrafanaDaemon,
-            format!("up{{job=\"railbus\",{of}}}"),
-            &good,
-            mapped(yes_no),
-        ),
+        (ExportText::GrafanaDaemon, up.clone(), &good, mapped(yes_no)),
         (
             ExportText::GrafanaAudit,
             format!("railbus_audit_up{{{of}}}"),
@@ -201,19 +202,19 @@ fn overview(asked: &Asked<'_>, of: &str, board: &mut Board) {
         ),
         (
             ExportText::GrafanaOffline,
-            count("railbus_module_up"),
+            count("railbus_module_up", &asked.of_polled()),
             &bad_from_one("orange"),
             json!([]),
         ),
         (
             ExportText::GrafanaLines,
-            count("railbus_line_up"),
+            count("railbus_line_up", of),
             &bad_from_one("red"),
             json!([]),
         ),
         (
             ExportText::GrafanaOutlets,
-            count("railbus_outlet_up"),
+            count("railbus_outlet_up", of),
             &bad_from_one("orange"),
             json!([]),
         ),

@@ -11,7 +11,7 @@ use super::yaml::yaml;
 use railbus_app::failure::Failure;
 use railbus_device::PointKind;
 use railbus_gateway::offered::{
-    ModbusOffer, ModbusOfferPoint, ModbusPlace, MqttOffer, OfferWay, home_class,
+    ModbusOffer, ModbusOfferPoint, ModbusPlace, MqttOffer, OfferWay, home_class, shown,
 };
 use railbus_site::config::ModuleConfig;
 use railbus_words::Code;
@@ -41,10 +41,13 @@ pub(super) fn file(asked: &Asked<'_>) -> Result<File, Failure> {
             }
             (ExportText::HaMqtt, over_mqtt(mqtt))
         }
-        OfferWay::ModbusTcp(modbus) => (
-            ExportText::HaModbus,
-            over_modbus(asked, &offer.outlet, modbus),
-        ),
+        OfferWay::ModbusTcp(modbus) => {
+            notes.extend(missing(asked, &offer.outlet, modbus));
+            (
+                ExportText::HaModbus,
+                over_modbus(asked, &offer.outlet, modbus),
+            )
+        }
     };
     let values: &[(&str, &dyn std::fmt::Display)] =
         &[("site", &asked.site), ("outlet", &offer.outlet)];
@@ -63,6 +66,28 @@ fn over_mqtt(offer: &MqttOffer) -> Value {
         }
     }
     json!({ "mqtt": kinds })
+}
+
+/// What Home Assistant does not get or reach over Modbus.
+fn missing(asked: &Asked<'_>, outlet: &str, offer: &ModbusOffer) -> Vec<String> {
+    let has = |name: &str| offer.points.iter().any(|point| point.module == name);
+    let modules = asked.config.modules.iter();
+    let left_out: Vec<&str> = modules
+        .filter(|(name, module)| !has(name) && shown(module).next().is_some())
+        .map(|(name, _)| &**name)
+        .collect();
+    let mut notes = Vec::new();
+    if !left_out.is_empty() {
+        let values: &[(&str, &dyn std::fmt::Display)] =
+            &[("outlet", &outlet), ("modules", &left_out.join(", "))];
+        notes.push(asked.lang.fill(ExportText::HaLeftOut, values));
+    }
+    let listen = offer.listen.ip();
+    if listen.is_loopback() && asked.reached(&listen.to_string()) != listen.to_string() {
+        let values: &[(&str, &dyn std::fmt::Display)] = &[("outlet", &outlet), ("listen", &listen)];
+        notes.push(asked.lang.fill(ExportText::HaOnlyHere, values));
+    }
+    notes
 }
 
 fn over_modbus(asked: &Asked<'_>, outlet: &str, offer: &ModbusOffer) -> Value {
@@ -95,7 +120,7 @@ fn over_modbus(asked: &Asked<'_>, outlet: &str, offer: &ModbusOffer) -> Value {
         }
     }
     let mut hub = object(json!({
-        "name": format!("railbus_{outlet}"),
+        "name": format!("railbus_{}_{outlet}", asked.site),
         "type": "tcp",
         "host": asked.reached(&offer.listen.ip().to_string()),
         "port": offer.listen.port(),
@@ -125,7 +150,7 @@ fn entity(
     let of = asked.module_name(&point.module, module);
     object(json!({
         "name": format!("{of} {called}"),
-        "unique_id": format!("railbus_{outlet}_{}_{}", point.module, point.label),
+        "unique_id": format!("railbus_{}_{outlet}_{}_{}", asked.site, point.module, point.label),
         "slave": point.unit,
         "address": point.address,
         "scan_interval": SCAN_S,
@@ -166,9 +191,9 @@ fn number(
     keys
 }
 
-/// Without what a division leaves in the last digits.
+/// Without what a division leaves in the last of its digits.
 fn rounded(number: f64) -> f64 {
-    (number * 1e9).round() / 1e9
+    format!("{number:.11e}").parse().unwrap_or(number)
 }
 
 fn object(value: Value) -> Map<String, Value> {

@@ -15,6 +15,10 @@ use serde_json::{Value, json};
 
 /// How often values are asked for over HTTP, in seconds.
 const EVERY_S: u64 = 2;
+/// How often it is looked whether railbus is heard over MQTT, in seconds.
+const CHECK_S: u64 = 2;
+/// How many of its signs of life may be missing, and one more.
+const ALIVE_OF_HEALTH: u64 = 3;
 /// Where the token is: a variable of the flow.
 const TOKEN: &str = "RAILBUS_TOKEN";
 
@@ -90,8 +94,11 @@ struct Wired<'a> {
 
 /// A file to import.
 pub(super) fn file(asked: &Asked<'_>) -> Result<File, Failure> {
-    let offer = asked.offer(|way| matches!(way, OfferWay::Mqtt(_)).then_some(0))?;
-    let offer = offer.filter(|_| !asked.is_http);
+    let fits = |way: &OfferWay| matches!(way, OfferWay::Mqtt(_)).then_some(0);
+    let offer = match asked.is_http {
+        true => None,
+        false => asked.offer(fits)?,
+    };
     let (flow, notes) = match offer.map(|offer| &offer.way) {
         Some(OfferWay::Mqtt(mqtt)) => over_mqtt(asked, mqtt),
         _ => over_http(asked),
@@ -120,7 +127,7 @@ fn over_mqtt(asked: &Asked<'_>, offer: &MqttOffer) -> (Flow, Vec<String>) {
     let mut broker = json!({
         "type": "mqtt-broker", "name": format!("{host}:{}", offer.port),
         "broker": host, "port": offer.port.to_string(), "clientid": "", "autoConnect": true,
-        "usetls": offer.is_tls, "protocolVersion": "4", "keepalive": "60", "cleansession": true,
+        "usetls": offer.is_tls, "protocolVersion": "4", "keepalive": "10", "cleansession": true,
     });
     if let Some(tls) = tls {
         broker["tls"] = tls.into();
@@ -138,16 +145,21 @@ fn over_mqtt(asked: &Asked<'_>, offer: &MqttOffer) -> (Flow, Vec<String>) {
             "broker": broker, "nl": false, "rap": true, "rh": 0, "inputs": 0,
         })
     };
-    let bridge = flow.add(
-        "bridge",
-        0,
-        listen(&offer.bridge),
-        std::slice::from_ref(&modules),
-    );
+    let all = std::slice::from_ref(&modules);
+    let bridge = flow.add("bridge", 0, listen(&offer.bridge), all);
     flow.rows(1);
     // A broker that is gone can't say so.
     let status = json!({ "type": "status", "name": "", "scope": [bridge] });
-    flow.add("status", 0, status, &[modules]);
+    flow.add("status", 0, status, all);
+    flow.rows(1);
+    // Nor can railbus, where the broker went first: what it has retained says `online` for good.
+    flow.add("health", 0, listen(&offer.health), all);
+    flow.rows(1);
+    let clock = json!({
+        "type": "inject", "name": "", "props": [], "repeat": CHECK_S.to_string(), "crontab": "",
+        "once": false, "topic": "",
+    });
+    flow.add("clock", 0, clock, all);
     flow.rows(2);
     for one in &offer.modules {
         let Some(module) = asked.config.modules.get(&one.module) else {
@@ -163,6 +175,11 @@ fn over_mqtt(asked: &Asked<'_>, offer: &MqttOffer) -> (Flow, Vec<String>) {
             })
             .collect();
         let code = constant("bridge", &offer.bridge)
+            + &constant("health", &offer.health)
+            + &format!(
+                "const aliveMs = {};\n",
+                ALIVE_OF_HEALTH * 1_000 * offer.health_every_s
+            )
             + &constant("availability", &one.availability)
             + &constant("states", &one.states)
             + MQTT_VALUES;
@@ -350,8 +367,9 @@ fn tls(flow: &mut Flow, ca: &str) -> String {
     }))
 }
 
-/// Adds the token to a request.
-const HTTP_TOKEN: &str = r#"msg.headers = { Authorization: "Bearer " + env.get("RAILBUS_TOKEN") };
+/// Adds the token to a request, which would be waited for two minutes otherwise.
+const HTTP_TOKEN: &str = r#"msg.requestTimeout = 3000;
+msg.headers = { Authorization: "Bearer " + env.get("RAILBUS_TOKEN") };
 return msg;
 "#;
 
@@ -376,22 +394,27 @@ return changes;
 /// The values of a module as its topics say them.
 const MQTT_VALUES: &str = concat!(
     r#"// An output for each point: true, false, a number, or null while the value is not known.
-const seen = context.get("seen") || {};
+let seen = context.get("seen") || {};
 if (msg.status) {
-    seen.connected = msg.status.fill === "green";
-} else {
+    // What was known before the connection was lost holds no longer.
+    seen = msg.status.fill === "green" ? seen : {};
+} else if (msg.topic === health) {
+    seen[health] = Date.now();
+} else if (msg.topic) {
     seen[msg.topic] = msg.payload;
 }
 context.set("seen", seen);
-const isThere = seen.connected !== false && seen[bridge] === "online"
-    && seen[availability] === "online";
-const words = { ON: true, OFF: false, None: null };
+// A broker keeps "online" of a railbus that is gone, if it was gone itself at that time.
+const isThere = seen[bridge] === "online" && seen[availability] === "online"
+    && Date.now() - seen[health] < aliveMs;
+const words = { ON: true, OFF: false, None: null, "": null };
 const now = (label) => {
     const text = isThere ? seen[states.replace("+", label)] : undefined;
-    if (text === undefined) {
-        return null;
+    if (text === undefined || text in words) {
+        return words[text] ?? null;
     }
-    return text in words ? words[text] : Number(text);
+    const number = Number(text);
+    return Number.isFinite(number) ? number : null;
 };
 "#,
     changes!()

@@ -46,7 +46,7 @@ pub(super) fn file(asked: &Asked<'_>) -> File {
 
 /// Its alerts, in a file of their own.
 pub(super) fn rules(asked: &Asked<'_>) -> File {
-    let of = format!("site={}", quoted(&asked.site));
+    let of = asked.of_site();
     let alert = |name: &str, since: &str, severity: &str, expr: String, told: ExportText| {
         json!({
             "alert": name,
@@ -58,8 +58,9 @@ pub(super) fn rules(asked: &Asked<'_>) -> File {
     };
     let failed = format!("rate(railbus_requests_total{{{of},result!=\"ok\"}}[10m])");
     let all = format!("rate(railbus_requests_total{{{of}}}[10m])");
-    let by = "sum by (site, line, module)";
-    let is_absent = format!("on (site, line) railbus_line_up{{{of}}} == 0");
+    let by = "sum by (site, instance, line, module)";
+    let is_absent = format!("on (site, instance, line) railbus_line_up{{{of}}} == 0");
+    let polled = asked.of_polled();
     let mut rules = vec![
         alert(
             "RailbusDown",
@@ -87,7 +88,7 @@ pub(super) fn rules(asked: &Asked<'_>) -> File {
             "RailbusModuleOffline",
             "1m",
             "warning",
-            format!("railbus_module_up{{{of}}} == 0 unless {is_absent}"),
+            format!("railbus_module_up{{{polled}}} == 0 unless {is_absent}"),
             ExportText::AlertModule,
         ),
         alert(
@@ -95,7 +96,7 @@ pub(super) fn rules(asked: &Asked<'_>) -> File {
             "10m",
             "warning",
             format!(
-                "{by} ({failed}) / {by} ({all}) > 0.05 and on (site, line, module) \
+                "{by} ({failed}) / {by} ({all}) > 0.05 and on (site, instance, line, module) \
                  railbus_module_up{{{of}}} == 1"
             ),
             ExportText::AlertExchanges,
@@ -116,13 +117,16 @@ pub(super) fn rules(asked: &Asked<'_>) -> File {
         ),
     ];
     // Only good values are told: as many as the module has points.
-    let modules = asked.config.modules.iter().map(|(name, module)| {
+    let modules = asked.config.modules.iter();
+    let modules = modules.filter(|(_, module)| module.plan.enabled);
+    let modules = modules.map(|(name, module)| {
         let (its, points) = (
             format!("{of},module={}", quoted(name)),
             module.setup.points().count(),
         );
-        let good = format!("count by (site, module) (railbus_point_value{{{its}}}) >= {points}");
-        format!("(railbus_module_up{{{its}}} == 1 unless on (site, module) {good})")
+        let good =
+            format!("count by (site, instance, module) (railbus_point_value{{{its}}}) >= {points}");
+        format!("(railbus_module_up{{{its}}} == 1 unless on (site, instance, module) {good})")
     });
     let modules: Vec<String> = modules.collect();
     if !modules.is_empty() {

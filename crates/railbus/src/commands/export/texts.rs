@@ -37,6 +37,10 @@ railbus_words::texts! {
         en: "Integration to use, if there are several (ha, nodered)",
         zh: "有多个集成时，使用哪一个（ha、nodered）",
     }
+    Site {
+        en: "Name of the site there [default: the folder of the configuration]",
+        zh: "其中的站点名称 [默认：配置文件所在文件夹的名称]",
+    }
     Http {
         en: "Over HTTP, even if there is an MQTT integration (nodered)",
         zh: "即使有 MQTT 集成也使用 HTTP（nodered）",
@@ -86,6 +90,15 @@ Save it beside configuration.yaml as railbus.yaml, and add there:
     HaDiscovered {
         en: "{outlet} has \"discovery\": Home Assistant finds the modules itself and needs no file",
         zh: "{outlet} 已设置 \"discovery\"：Home Assistant 会自动发现模块，不需要此文件",
+    }
+
+    HaLeftOut {
+        en: "left out, because they have no unit of their own in {outlet}: {modules}",
+        zh: "未导出，因在 {outlet} 中没有单独的单元号：{modules}",
+    }
+    HaOnlyHere {
+        en: "{outlet} listens at {listen}, for programs on that machine only; set \"listen\" and \"allow\"",
+        zh: "{outlet} 只监听 {listen}，仅供本机程序连接；请设置 \"listen\" 和 \"allow\"",
     }
 
     // Node-RED.
