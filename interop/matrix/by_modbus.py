@@ -83,7 +83,7 @@ class ByModbus(Observer):
                 for unit in OUTPUTS:
                     self._look(master, unit)
             master.close()
-        except (OSError, AssertionError) as error:
+        except Exception as error:  # Whatever it is, nobody follows any more.
             if not self.closed.is_set():
                 self.false.append(f"{type(error).__name__}: {error}")
 

@@ -42,7 +42,9 @@ class ByMqtt(Follower):
         topic = topic.removeprefix(f"{PREFIX}/")
         self.told[topic] = payload
         if topic == "batch":
-            self._past(json.loads(payload)["readings"])
+            self._past(json.loads(payload)["readings"], at)
+        elif topic.endswith("/attr"):
+            self._attr(topic.split("/"), json.loads(payload), at)
         elif topic.endswith(("/state", "/availability")):
             for path, (unit, nth) in self.points.items():
                 self.knows(unit, nth, self._value(*path.split(".")), at)
@@ -53,11 +55,25 @@ class ByMqtt(Follower):
         value = VALUES[self.told.get(f"{module}/{label}/state", "None")]
         return value if online == ["online", "online"] else None
 
-    def _past(self, readings):
+    def _past(self, readings, at):
         """Every change has its time."""
         for each in readings:
             if each.get("quality") == "good" and each.get("path") in self.points:
-                self.was_so(*self.points[each["path"]], int(each["value"]), wall(each["time"]))
+                self.was_so(*self.points[each["path"]], int(each["value"]), wall(each["time"]), at,
+                            False)
+
+    def _attr(self, topic, attr, at):
+        """What is said of a value has the time of its reading; the value came before."""
+        module, label, _ = topic
+        which = self.points.get(f"{module}.{label}")
+        if which is None:
+            return
+        value = VALUES[self.told.get(f"{module}/{label}/state", "None")]
+        is_good = attr["quality"] == "good"
+        if is_good != (value is not None):
+            self.false.append(f"{module}.{label} is {attr['quality']}, and its value {value}")
+        elif is_good:
+            self.was_so(*which, value, wall(attr["time"]), at)
 
     def switch_on(self, unit, nth):
         """Gives a command, and waits for its result."""

@@ -57,8 +57,9 @@ class ByOpcua(Follower):
         at, name, status, value, when = message
         which = self.points[name]
         self.knows(*which, int(value) if status == GOOD else None, at)
+        must(value is None or when, f"{name} has a value and no source time")
         if value is not None:
-            self.was_so(*which, int(value), when.timestamp())
+            self.was_so(*which, int(value), when.timestamp(), at, status == GOOD)
 
     def outputs(self, unit):
         """They are read: what the subscription is told is judged by itself."""

@@ -3,7 +3,7 @@
 import mqtt
 import sparkplug
 from modbus_tcp import until
-from outlets import ANSWER, CHANNELS, NAMES, Follower, Refused, must
+from outlets import ANSWER, CHANNELS, EXCHANGE, NAMES, Follower, Refused, must
 
 # How many of the node's faults against the rules are shown.
 SHOWN = 3
@@ -11,6 +11,9 @@ SHOWN = 3
 
 class BySparkplug(Follower):
     """A host of everything, who trusts what is good of a device that is alive."""
+
+    # What was stale when its request was under way is good from then on (docs/decisions/0049).
+    later = EXCHANGE
 
     def __init__(self, case):
         super().__init__(case)
@@ -50,7 +53,8 @@ class BySparkplug(Follower):
         if not metric["historical"]:
             self.knows(unit, nth, int(metric["value"]) if is_good else None, at)
         if is_good:
-            self.was_so(unit, nth, int(metric["value"]), metric["time"] / 1000)
+            self.was_so(unit, nth, int(metric["value"]), metric["time"] / 1000, at,
+                        not metric["historical"])
 
     def _is_alive(self, unit):
         self.hear()

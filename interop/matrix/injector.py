@@ -389,6 +389,8 @@ class Line:
         self.trace = []
         self._began = time.monotonic()
         self._faults = {}
+        # How many requests each fault was met by.
+        self._met = collections.Counter()
         self._strays = []
         # When the line was checked before the last bytes were received.
         self._looked = self._began
@@ -448,6 +450,14 @@ class Line:
         with self._lock:
             for kind in kinds:
                 self._faults[unit, kind] = [fault, times]
+                self._met[unit, kind] = 0
+
+    def is_met(self, unit):
+        """Whether the fault of a module's reads, if there is one, was met by two of them, or by as
+        many as it is for."""
+        with self._lock:
+            fault, times = self._faults.get((unit, "read"), (None, None))
+            return fault is None or self._met[unit, "read"] >= min(times or 2, 2)
 
     def is_readable(self, unit):
         """Whether a module can be read as things are."""
@@ -605,6 +615,7 @@ class Line:
             if fault[1] < 0:
                 fault = [None, None]
         name = fault[0]
+        self._met[request.unit, request.kind] += 1
         idle = {"dead", "other_value", "other_address", "refuse", "other_command", "stuck"}
         if request.kind == "write" and name not in idle:
             codec.act(request, unit)

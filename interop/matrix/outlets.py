@@ -20,6 +20,11 @@ from injector import Unit
 # 0.1 s that it is old, but a busy machine may not get round to it.
 MAX_AGE = 1.0
 LATE = 2.0
+# How long after it was asked for a reply tells what it tells, and how much later than that it may be
+# at the observer.
+EXCHANGE = 1.0
+# How long it may take until a fault is met.
+MET = 3.0
 # How long until a read is `safe`: long enough for a unit that answers to be found again, and for
 # what was known of one that does not to be too old.
 FOUND, GONE = 10.0, 5.0
@@ -67,21 +72,19 @@ class Watched(Unit):
         ends = [at for at, _ in past[1:]] + [float("inf")]
         return [(at, end, outputs) for (at, outputs), end in zip(past, ends)]
 
-    def had(self, bits, since, mask=ALL):
-        """Whether these outputs were so at any moment since then."""
-        return any(end >= since and outputs & mask == bits & mask
-                   for _, end, outputs in self._spans())
+    def had(self, bits, since, mask=ALL, until=float("inf")):
+        """Whether these outputs were so at any moment from then until then."""
+        return any(end >= since and at <= until and outputs & mask == bits & mask
+                   for at, end, outputs in self._spans())
 
     def was_false(self, bits, since, until, mask, late):
         """Whether who was told this from then until then was told what had not been so for longer
-        than a value may be old, and so much later."""
-        otherwise = None
+        than a value may be old, and so much later; or what had not been so yet."""
+        old_at = float("-inf")
         for at, end, outputs in self._spans():
             if outputs & mask == bits & mask:
-                otherwise = None
-                continue
-            otherwise = at if otherwise is None else otherwise
-            if max(since, otherwise + MAX_AGE + late) <= min(until, end):
+                old_at = end + MAX_AGE + late
+            elif max(since, at, old_at) <= min(until, end):
                 return True
         return False
 
@@ -117,7 +120,7 @@ class Asked:
 
     def wait(self):
         """How it ended."""
-        self.thread.join()
+        self.thread.join(FOUND + ANSWER)
         return self.end
 
 
@@ -179,8 +182,9 @@ class Observer:
         return FOUND if self.case.line.is_readable(unit) else GONE
 
     def read(self, unit):
-        """Starts a read of the outputs of a unit."""
-        watched = self.case.line.units[unit]
+        """Starts a read of the outputs of a unit, which does not end before its fault is met: the
+        daemon knows them already."""
+        line, watched = self.case.line, self.case.line.units[unit]
 
         def work(asked, client):
             last = "none"
@@ -192,10 +196,10 @@ class Observer:
                 else:
                     if self.is_false(unit, bits, now):
                         return f"WRONG: told {bits:04b}"
-                    if watched.had(bits, now):
-                        return "right"
-                    last = "WRONG: an old value"
+                    last = "right" if watched.had(bits, now) else "WRONG: an old value"
                 asked.answered()
+                if last == "right" and (line.is_met(unit) or now > asked.began + MET):
+                    break
                 time.sleep(APART)
             return last
 
@@ -227,6 +231,8 @@ class Follower(Observer):
     together = tuple(1 << nth for nth in CHANNELS)
     # How much later than it may be old a value may be taken back.
     late = LATE
+    # How much later than it was read the time of a value may be.
+    later = 0.0
 
     def __init__(self, case):
         super().__init__(case)
@@ -259,12 +265,16 @@ class Follower(Observer):
             self.knew.append((unit, nth, before, since, at))
         self.known[unit, nth] = value, at
 
-    def was_so(self, unit, nth, value, at):
-        """It is told that an output was so when it was read at this time, in seconds since 1970."""
+    def was_so(self, unit, nth, value, at, told_at, is_new=True):
+        """It is told then that an output was so when it was read at this time, in seconds since
+        1970; that is no longer ago than a value may be old, if it is no news of the past."""
         at += time.monotonic() - time.time()
-        was = self.case.line.units[unit].had(value << nth, at - CLOCK, 1 << nth)
-        if not was and not self.case.line.is_upset(at):
-            self.false.append(f"output {nth} of unit {unit} was {value} {at:.3f}")
+        watched = self.case.line.units[unit]
+        was = watched.had(value << nth, at - CLOCK - self.later, 1 << nth, at + EXCHANGE)
+        is_in_time = at <= told_at + CLOCK and (not is_new or told_at <= at + MAX_AGE + self.late)
+        if not (was and is_in_time) and not self.case.line.is_upset(at):
+            self.false.append(f"output {nth} of unit {unit} was {value} at {at:.3f}, told at "
+                              f"{told_at:.3f}")
 
     def outputs(self, unit):
         """The first four outputs of a unit, as it knows them."""
