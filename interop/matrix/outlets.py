@@ -20,8 +20,7 @@ from injector import Unit
 # 0.1 s that it is old, but a busy machine may not get round to it.
 MAX_AGE = 1.0
 LATE = 2.0
-# How long after it was asked for a reply tells what it tells, and how much later than that it may be
-# at the observer.
+# How long after its request a reply may still tell what is so.
 EXCHANGE = 1.0
 # How long it may take until a fault is met.
 MET = 3.0

@@ -192,7 +192,8 @@ impl ModuleState {
     }
 
     /// Spreads the polls over the plan's interval, but not over more than [`SPREAD_MAX`]: a module
-    /// that is polled every ten minutes is read at the start, too. This one is the `nth` of `count`.
+    /// that is polled every ten minutes is read at the start, too. This one is the `nth` of
+    /// `count`.
     pub(crate) fn start(&mut self, now: Instant, nth: usize, count: usize) {
         let spread = self.plan.interval.min(SPREAD_MAX);
         let phase = spread.0 / (count.max(1) as u64) * nth as u64;

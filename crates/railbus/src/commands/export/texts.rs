@@ -97,7 +97,8 @@ Save it beside configuration.yaml as railbus.yaml, and add there:
         zh: "未导出，因在 {outlet} 中没有单独的单元号：{modules}",
     }
     HaOnlyHere {
-        en: "{outlet} listens at {listen}, for programs on that machine only; set \"listen\" and \"allow\"",
+        en: "{outlet} listens at {listen}, for programs on that machine only; set \"listen\" and \
+             \"allow\"",
         zh: "{outlet} 只监听 {listen}，仅供本机程序连接；请设置 \"listen\" 和 \"allow\"",
     }
 
