@@ -60,7 +60,7 @@ impl Master {
                 .and_then(|scene| Coils::of(&scene))
         };
         let mut start = match self {
-            Libmodbus => Command::new(libmodbus()?),
+            Libmodbus => Command::new(compiled("libmodbus")?),
             Pymodbus => {
                 let mut start = Command::new(python()?);
                 start.arg(peers().join("pymodbus_master.py"));
@@ -107,12 +107,13 @@ fn peers() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("peers")
 }
 
-/// The C master, compiled beside this program unless that was done already.
-fn libmodbus() -> Option<PathBuf> {
+/// A peer in C on libmodbus, compiled beside this program unless that was done already. `None`
+/// without a compiler or the library.
+pub fn compiled(name: &str) -> Option<PathBuf> {
     let program = std::env::current_exe()
         .ok()?
-        .with_file_name("bench-libmodbus");
-    let source = peers().join("libmodbus.c");
+        .with_file_name(format!("bench-{name}"));
+    let source = peers().join(format!("{name}.c"));
     let age = |path: &Path| path.metadata().and_then(|about| about.modified()).ok();
     if age(&program) < age(&source) {
         let flags = Command::new("pkg-config")

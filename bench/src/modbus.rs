@@ -1,5 +1,5 @@
 //! The Modbus TCP server of the daemon: what it answers from what is known, beside a floor and
-//! another server in the same client, and what a dead module costs those who read the others.
+//! other servers in the same client, and what a dead module costs those who read the others.
 
 use crate::daemon::{Folder, Running, build, start};
 use crate::gateway::used;
@@ -344,6 +344,7 @@ pub fn measure() -> Result<Modbus, String> {
     let peers = [
         ("floor", modbus_servers::start_floor()?),
         ("tokio-modbus", modbus_servers::start_tokio_modbus()?),
+        ("libmodbus", modbus_servers::start_libmodbus()?),
     ];
     let mut peers = peers.map(|(name, (running, at))| Server::new(name, at, running));
     let mut servers: Vec<&mut Server> = peers.iter_mut().collect();

@@ -1,7 +1,8 @@
 //! The Modbus TCP servers beside ours, each a process of its own with one thread: the smallest
-//! that there can be, and tokio-modbus.
+//! that there can be, tokio-modbus and libmodbus.
 
 use crate::daemon::{self, Running, start_program};
+use crate::master::compiled;
 use std::io::{self, ErrorKind};
 use std::net::SocketAddr;
 use tokio::io::AsyncReadExt as _;
@@ -25,6 +26,13 @@ pub fn start_tokio_modbus() -> Result<Started, String> {
     let bench = env!("CARGO_MANIFEST_DIR");
     daemon::build_package(bench, PEER)?;
     let program = daemon::built(bench, PEER);
+    let (running, told) = start_program(&program, &[], "\n")?;
+    Ok((running, address(&told)?))
+}
+
+/// Starts libmodbus.
+pub fn start_libmodbus() -> Result<Started, String> {
+    let program = compiled("libmodbus_server").ok_or("libmodbus needs gcc and libmodbus-dev")?;
     let (running, told) = start_program(&program, &[], "\n")?;
     Ok((running, address(&told)?))
 }
