@@ -6,12 +6,15 @@
     RAILBUS=target/release/railbus python3 interop/measure.py past [COUNT]
     RAILBUS=target/release/railbus python3 interop/measure.py flood
     RAILBUS=target/release/railbus python3 interop/measure.py stale
+    RAILBUS=target/release/railbus python3 interop/measure.py writes
 
 `line`: reads of a foreign master through the Modbus gateway to a line, and by itself on the same
 line. `replay`: an outage of 72 hours, brought to a receiver of mosquitto (needs paho-mqtt, as all
 that follow but `flood`). `births`: 250 modules of a Sparkplug node. `past`: an outage of 72 hours
-in Sparkplug. `flood`: 10,000 changes a second, published over MQTT. `stale`: how soon others are
-told that a value is too old."""
+in Sparkplug. `flood`: 10,000 changes a second, told over MQTT and OPC UA (needs asyncua, as `stale`
+and `writes`). `stale`: how soon others are told that a value is too old. `writes`: how long a write
+takes over OPC UA, over HTTP, and on the line by itself. MBUSD names mbusd, which is not in Debian,
+for `line`."""
 
 import asyncio
 import datetime
@@ -30,6 +33,7 @@ import tty
 from checksums import crc, total
 from modbus_line_suite import Site
 from modbus_tcp import Client, PATIENCE, until
+from mqtt import free_port
 
 READS, FLOOR_READS = 300, 150
 # Two registers of a module at 9600, which takes 5 ms: 8 and 9 characters of 10 bits.
@@ -115,6 +119,24 @@ def through(port):
     return times, exceptions
 
 
+def beside_dead(port):
+    """The same while another client reads a module without power."""
+    stop = threading.Event()
+
+    def other():
+        with Client(port) as client:
+            while not stop.wait(0.005):
+                client.begin(9, 3, 0, 0, 0, 2)
+                client.next()
+
+    beside = threading.Thread(target=other)
+    beside.start()
+    told = through(port)
+    stop.set()
+    beside.join()
+    return told
+
+
 def floor(path):
     """The same requests on the line itself, without railbus."""
     line = os.open(path, os.O_RDWR | os.O_NOCTTY)
@@ -147,21 +169,28 @@ def measure_line():
         site.settle()
         row("gateway", *through(port))
         site.sim.do("power dead off")
-        stop = threading.Event()
-
-        def other():
-            with Client(port) as client:
-                while not stop.wait(0.005):
-                    client.begin(9, 3, 0, 0, 0, 2)
-                    client.next()
-
-        beside = threading.Thread(target=other)
-        beside.start()
-        row("gateway, beside a dead unit", *through(port))
-        stop.set()
-        beside.join()
+        row("gateway, beside a dead unit", *beside_dead(port))
         site.daemon.close()
-        row("floor", floor(os.path.join(site.folder.name, "line")))
+        site.sim.do("power dead on")
+        line = os.path.join(site.folder.name, "line")
+        row("floor", floor(line))
+        if os.environ.get("MBUSD"):
+            by_mbusd(site, line)
+
+
+def by_mbusd(site, line):
+    """The same through mbusd, which has the line for itself, tuned for few retries."""
+    held, port = free_port()
+    held.close()
+    mbusd = subprocess.Popen([os.environ["MBUSD"], "-d", "-L", "-", "-v", "0", "-p", line, "-s",
+                              "9600", "-m", "8n1", "-A", "127.0.0.1", "-P", str(port), "-N", "0",
+                              "-W", "100", "-R", "5"])
+    time.sleep(1)
+    row("mbusd", *through(port))
+    site.sim.do("power dead off")
+    row("mbusd, beside a dead unit", *beside_dead(port))
+    mbusd.kill()
+    mbusd.wait()
 
 
 def measure_replay(count):
@@ -389,49 +418,255 @@ class Counted:
         self.process.wait()
 
 
+class OverNothing:
+    """Nobody who is told of the flood."""
+
+    settings, pid, values = None, None, 0
+
+    def begin(self, names):
+        """The daemon serves these points."""
+
+    def close(self):
+        """Ends it."""
+
+
+class OverMqtt:
+    """A broker and subscribers that are told of it."""
+
+    def __init__(self, **more):
+        from mqtt import Broker
+
+        self.broker = Broker()
+        self.broker.kill()
+        with open(self.broker.config, "a", encoding="utf-8") as config:
+            config.write("max_queued_messages 0\n")
+        self.broker.start()
+        self.settings = {"type": "mqtt", **self.broker.settings(), "version": "5", "site": "plant",
+                         **more}
+        self.states, self.batches = (Counted(self.broker, f"railbus/plant/{topic}")
+                                     for topic in ("+/+/state", "batch"))
+
+    def begin(self, names):
+        """The daemon serves these points."""
+
+    @property
+    def pid(self):
+        """The process that takes the messages."""
+        return self.broker.process.pid
+
+    @property
+    def values(self):
+        """How many values came."""
+        return self.states.count
+
+    def close(self):
+        """Ends it."""
+        print(f"batches: {self.batches.count}")
+        self.states.close()
+        self.batches.close()
+        self.broker.close()
+
+
+class OverOpcua:
+    """A client with 1,000 monitored items, sampled and published every 100 ms."""
+
+    ITEMS, PERIOD_MS = 1000, 100
+
+    def __init__(self):
+        held, self.port = free_port()
+        held.close()
+        self.settings = {"type": "opcua", "listen": f"127.0.0.1:{self.port}", "anonymous": True}
+        self.pid, self.values, self.session = os.getpid(), 0, None
+
+    def begin(self, names):
+        """The daemon serves these points."""
+        import opcua
+
+        self.session = opcua.Session(self.port, timeout=PATIENCE)
+        told = self.session.watch(*names[:self.ITEMS], interval=float(self.PERIOD_MS),
+                                  period=self.PERIOD_MS, filtered=True, told=self)
+        if told.refused:
+            raise RuntimeError(f"refused: {told.refused}")
+
+    def datachange_notification(self, _node, _value, _data):
+        """Called by asyncua."""
+        self.values += 1
+
+    def status_change_notification(self, status):
+        """Called by asyncua."""
+        raise RuntimeError(f"the subscription has ended: {status}")
+
+    def close(self):
+        """Ends it."""
+        self.session.close()
+
+
+class BarePublisher:
+    """`mosquitto_pub` with as many messages a second as there are changes, which is not more than
+    a client of MQTT that publishes."""
+
+    def __init__(self):
+        self.over = OverMqtt()
+        self.process = subprocess.Popen(
+            ["mosquitto_pub", *self.over.broker.words(), "-V", "mqttv5", "-q", "1", "-l", "-t",
+             "railbus/plant/b0/k1/state"], stdin=subprocess.PIPE)
+        self.is_over = False
+        threading.Thread(target=self._run, daemon=True).start()
+
+    def _run(self):
+        began, sent, a_second = time.monotonic(), 0, BOARDS * RELAYS * POLLS_S
+        while not self.is_over:
+            due = int((time.monotonic() - began) * a_second)
+            self.process.stdin.write(b"ON\n" * (due - sent))
+            self.process.stdin.flush()
+            sent = due
+            time.sleep(1 / POLLS_S)
+
+    def measure(self):
+        """A row."""
+        time.sleep(WARM_UP_S)
+        look = lambda: (time.monotonic(), self.over.values, cpu(self.process.pid),
+                        cpu(self.over.pid))
+        before = look()
+        time.sleep(FLOOD_S)
+        took, values, used, of_broker = (b - a for a, b in zip(before, look()))
+        print(f"| `mosquitto_pub -l`, no railbus | 0 | 0 | {values / took:,.0f} | "
+              f"{100 * used / took:.1f} % | {100 * of_broker / took:.1f} % |", flush=True)
+        self.is_over = True
+        self.process.kill()
+        self.process.wait()
+        self.over.close()
+
+
 def measure_flood():
-    """10,000 changes a second, without MQTT and with it."""
-    print("| outlet | reads/s | changes/s | values published/s | daemon, of a core | broker |")
+    """10,000 changes a second, told to nobody and over each outlet."""
+    print("| outlet | reads/s | changes/s | values told/s | daemon, of a core | broker or client |")
     print("| --- | --- | --- | --- | --- | --- |")
-    for name, more in (("none", None), ("MQTT", {}), ("MQTT, `replay_days`", {"replay_days": 1})):
-        flooded(name, more)
+    flooded("none", OverNothing())
+    flooded("MQTT", OverMqtt())
+    flooded("MQTT, `replay_days`", OverMqtt(replay_days=1))
+    flooded("OPC UA", OverOpcua())
+    BarePublisher().measure()
 
 
-def flooded(name, more):
+def flooded(name, over):
     """One row of it."""
     from judge.daemon import Daemon
-    from mqtt import Broker
 
-    broker, flood = Broker(), Flood()
-    broker.kill()
-    with open(broker.config, "a", encoding="utf-8") as config:
-        config.write("max_queued_messages 0\n")
-    broker.start()
+    flood = Flood()
     text = flood.site()
-    if more is not None:
-        settings = {"type": "mqtt", **broker.settings(), "version": "5", "site": "plant", **more}
+    if over.settings:
         text += "[outlet.scada]\n"
-        text += "".join(f"{key} = {json.dumps(value)}\n" for key, value in settings.items())
+        text += "".join(f"{key} = {json.dumps(value)}\n" for key, value in over.settings.items())
     folder = tempfile.TemporaryDirectory(prefix="railbus-measure-")
     daemon = Daemon(folder.name, text)
-    counted = [Counted(broker, f"railbus/plant/{topic}") for topic in ("+/+/state", "batch")]
     daemon.start()
+    over.begin([f"b{nth}.k{relay}" for nth in range(BOARDS) for relay in range(1, RELAYS + 1)])
     time.sleep(WARM_UP_S)
-    look = lambda: (time.monotonic(), flood.reads, counted[0].count, cpu(daemon.process.pid),
-                    cpu(broker.process.pid), counted[1].count)
+    look = lambda: (time.monotonic(), flood.reads, over.values, cpu(daemon.process.pid),
+                    cpu(over.pid) if over.pid else 0)
     before = look()
     time.sleep(FLOOD_S)
     after = look()
-    took, reads, values, used, of_broker, batches = (b - a for a, b in zip(before, after))
-    if "replay_days" in (more or {}):
-        _, answer = daemon.ask("GET", "/outlets")
-        print(f"batches/s: {batches / took:.0f}; waiting: {answer['outlets'][0]['queue']}")
+    took, reads, values, used, of_other = (b - a for a, b in zip(before, after))
+    _, answer = daemon.ask("GET", "/outlets")
+    waiting = [each["queue"] for each in answer["outlets"] if each.get("queue")]
     print(f"| {name} | {reads / took:.0f} | {reads * RELAYS / took:,.0f} | {values / took:,.0f} | "
-          f"{100 * used / took:.1f} % | {100 * of_broker / took:.1f} % |", flush=True)
-    for each in counted:
-        each.close()
+          f"{100 * used / took:.1f} % | {100 * of_other / took:.1f} % |"
+          + (f" {waiting} wait" if waiting else ""), flush=True)
+    over.close()
     daemon.close()
-    broker.close()
+
+
+WRITES = 200
+WRITTEN = """
+[line.main]
+port = "pty:{line}"
+baud = 19200
+
+[module.yard]
+line = "main"
+model = "erc8"
+address = 9
+poll = "60s"
+sim = {{ turnaround = "5ms" }}
+"""
+# A write of one coil and the read of it, with their replies, of the ERC-8, which needs a gap
+# between them.
+CHARACTERS, TURNAROUNDS_MS, GAP_MS = 8 + 8 + 8 + 6, 2 * 5, 20
+
+
+def measure_writes():
+    """How long a write takes until it is answered: the relay has moved, and was read back."""
+    import opcua
+    from asyncua import ua
+    from judge.daemon import Daemon
+    from modbus_tcp import Simulator
+
+    held, port = free_port()
+    held.close()
+    folder = tempfile.TemporaryDirectory(prefix="railbus-measure-")
+    path = os.path.join(folder.name, "line")
+    daemon = Daemon(folder.name, WRITTEN.format(line=path)
+                    + f'[outlet.scada]\ntype = "opcua"\nlisten = "127.0.0.1:{port}"\n')
+    sim = Simulator(folder.name, daemon.config)
+    sim.start()
+    daemon.start()
+    daemon.ask("POST", "/users", {"name": "li", "role": "admin", "points": [],
+                                  "password": opcua.PASSWORD})
+    point = lambda: daemon.ask("GET", "/points/yard/k1")[1]
+    until(lambda: point()["quality"] == "good")
+    session = opcua.Session(port, "li")
+    node, states = session.node("yard.k1"), [ua.DataValue(ua.Variant(on)) for on in (False, True)]
+
+    def over_opcua(on):
+        session.do(node.write_value(states[on]))
+
+    def over_http(on):
+        status, answer = daemon.ask("PUT", "/points/yard/k1", {"value": on})
+        if status != 200:
+            raise RuntimeError(answer)
+
+    print(f"the wire takes {CHARACTERS * 10 / 19.2 + TURNAROUNDS_MS + GAP_MS:.1f} ms")
+    print("| writes | number | median, ms | p90 | p99 | most | exceptions |")
+    print("| --- | --- | --- | --- | --- | --- | --- |")
+    times = {over_opcua: [], over_http: []}
+    # In turn, so that both meet the same machine.
+    for nth in range(WRITES):
+        for way, took in times.items():
+            began = time.monotonic()
+            way(nth & 1 == (way is over_opcua))
+            took.append(time.monotonic() - began)
+            apart()
+    row("OPC UA", times[over_opcua])
+    row("HTTP", times[over_http])
+    session.close()
+    daemon.close()
+    row("the line by itself", written(path))
+    sim.kill()
+
+
+def written(path):
+    """The same requests on the line itself, without railbus."""
+    line = os.open(path, os.O_RDWR | os.O_NOCTTY)
+    tty.setraw(line)
+    attributes = termios.tcgetattr(line)
+    attributes[4] = attributes[5] = termios.B19200
+    termios.tcsetattr(line, termios.TCSANOW, attributes)
+    times = []
+    for nth in range(WRITES):
+        began = time.monotonic()
+        for gap, request, length in ((0, bytes([9, 5, 0, 0x3C, 0xFF * (nth & 1), 0]), 8),
+                                     (GAP_MS, bytes([9, 1, 0, 0x3C, 0, 8]), 6)):
+            time.sleep(gap / 1000)
+            os.write(line, request + crc(request))
+            got = b""
+            while len(got) < length:
+                got += os.read(line, 256)
+        times.append(time.monotonic() - began)
+        apart()
+    os.close(line)
+    return times
 
 
 # How often a value becomes too old, and from which age on it is.
@@ -456,7 +691,7 @@ def measure_stale():
     falls silent."""
     print("| told by | the module | number | median, ms | p99 | most |")
     print("| --- | --- | --- | --- | --- | --- |")
-    for kind in ("mqtt", "sparkplug"):
+    for kind in ("mqtt", "sparkplug", "opcua"):
         for what, poll in (("is read every 2 s", "2s"), ("falls silent", "300ms")):
             late = sorted(1000 * each for each in aged(kind, poll))
             at = lambda part: late[min(int(len(late) * part), len(late) - 1)]
@@ -464,53 +699,104 @@ def measure_stale():
                   f"{late[-1]:.1f} |", flush=True)
 
 
+class HeardAtBroker:
+    """What is told over MQTT or Sparkplug: when, and whether it says that a value is too old."""
+
+    def __init__(self, kind):
+        import paho.mqtt.client as paho
+        from mqtt import Broker
+
+        self.kind, self.broker, self.got = kind, Broker(), []
+        names = {"site": "plant"} if kind == "mqtt" else {"group": "plant", "node": "n"}
+        self.settings = {"type": kind, **self.broker.settings(), **names}
+        self.receiver = paho.Client(paho.CallbackAPIVersion.VERSION2)
+        self.receiver.on_message = lambda _client, _data, message: self.got.append(
+            (time.time(), self.is_old(message)))
+
+    def begin(self):
+        """When the daemon serves."""
+        self.receiver.connect("127.0.0.1", self.broker.port)
+        topic = "railbus/plant/yard/k1/state" if self.kind == "mqtt" else "spBv1.0/plant/#"
+        self.receiver.subscribe(topic)
+        self.receiver.loop_start()
+
+    @staticmethod
+    def is_old(message):
+        """In Sparkplug a death, or `Quality` 500, which is stale, as protobuf has it."""
+        return (message.payload == b"None" or b"\x18\xf4\x03" in message.payload
+                or "/DDEATH/" in message.topic)
+
+    def close(self):
+        """Ends it."""
+        self.receiver.loop_stop()
+        self.broker.close()
+
+
+class HeardByOpcua:
+    """The same of a subscription of OPC UA, published every 50 ms."""
+
+    def __init__(self):
+        held, self.port = free_port()
+        held.close()
+        self.settings = {"type": "opcua", "listen": f"127.0.0.1:{self.port}", "anonymous": True}
+        self.got, self.session, self.refused = [], None, []
+
+    def begin(self):
+        """When the daemon serves."""
+        import opcua
+
+        self.session = opcua.Session(self.port, timeout=PATIENCE)
+        self.session.watch("yard.k1", told=self)
+
+    def datachange_notification(self, _node, _value, data):
+        """Called by asyncua."""
+        self.got.append((time.time(), data.monitored_item.Value.StatusCode.value != 0))
+
+    def status_change_notification(self, status):
+        """Called by asyncua."""
+        raise RuntimeError(f"the subscription has ended: {status}")
+
+    def close(self):
+        """Ends it."""
+        self.session.close()
+
+
 def aged(kind, poll):
     """How much later than it was too old it was told of a value, in seconds."""
-    import paho.mqtt.client as paho
     from judge.daemon import Daemon
     from modbus_tcp import Simulator
-    from mqtt import Broker
 
-    broker = Broker()
+    heard = HeardByOpcua() if kind == "opcua" else HeardAtBroker(kind)
     folder = tempfile.TemporaryDirectory(prefix="railbus-measure-")
-    settings = {"type": kind, **broker.settings(), **({"site": "plant"} if kind == "mqtt" else
-                                                      {"group": "plant", "node": "n"})}
     text = STALE.format(line=os.path.join(folder.name, "line"), poll=poll) + "[outlet.scada]\n"
-    text += "".join(f"{key} = {json.dumps(value)}\n" for key, value in settings.items())
+    text += "".join(f"{key} = {json.dumps(value)}\n" for key, value in heard.settings.items())
     daemon = Daemon(folder.name, text)
     sim = Simulator(folder.name, daemon.config)
     sim.start()
-    got, receiver = [], paho.Client(paho.CallbackAPIVersion.VERSION2)
-    receiver.on_message = lambda _client, _data, message: got.append((time.time(), message))
-    receiver.connect("127.0.0.1", broker.port)
-    receiver.subscribe("railbus/plant/yard/k1/state" if kind == "mqtt" else "spBv1.0/plant/#")
-    receiver.loop_start()
-    # In Sparkplug a death, or `Quality` 500, which is stale, as protobuf has it.
-    is_old = lambda message: (message.payload == b"None" or b"\x18\xf4\x03" in message.payload
-                              or "/DDEATH/" in message.topic)
-    point = lambda: daemon.ask("GET", "/points/yard/k1")[1]
     daemon.start()
-    until(lambda: point()["quality"] == "good" and got)
+    point = lambda: daemon.ask("GET", "/points/yard/k1")[1]
+    until(lambda: point()["quality"] == "good")
+    heard.begin()
+    until(lambda: heard.got)
     late = []
     while len(late) < ROUNDS:
         until(lambda: point()["quality"] == "good")
         time.sleep(random.uniform(0, 0.3))
-        since = len(got)
+        since = len(heard.got)
         if poll != "2s":
             sim.do("power yard off")
-        olds = lambda: [at for at, message in got[since:] if is_old(message)]
+        olds = lambda: [at for at, is_old in heard.got[since:] if is_old]
         if not until(olds):
-            raise RuntimeError(f"nothing is told: {point()}, {got[since:]}")
+            raise RuntimeError(f"nothing is told: {point()}, {heard.got[since:]}")
         read = datetime.datetime.fromisoformat(point()["time"].replace("Z", "+00:00")).timestamp()
         # Unless it was read again meanwhile.
         if read < olds()[0]:
             late.append(olds()[0] - read - OLD_S)
         if poll != "2s":
             sim.do("power yard on")
-    receiver.loop_stop()
+    heard.close()
     daemon.close()
     sim.kill()
-    broker.close()
     return late
 
 
@@ -537,7 +823,8 @@ def cpu(pid):
 
 if __name__ == "__main__":
     WAYS = {"line": measure_line, "replay": measure_replay, "births": measure_births,
-            "past": measure_past, "flood": measure_flood, "stale": measure_stale}
+            "past": measure_past, "flood": measure_flood, "stale": measure_stale,
+            "writes": measure_writes}
     if sys.argv[1:2] and sys.argv[1] in WAYS:
         counted = [int(sys.argv[2]) if sys.argv[2:] else COUNT]
         WAYS[sys.argv[1]](*(counted if sys.argv[1] in ("replay", "past") else ()))
