@@ -82,6 +82,8 @@ class OverProxy:
 
     # What it knows of a unit may be as old as nobody knows that the connection is of no use.
     late = GONE_MAX
+    # After an outage it is told again what was read before, and has not changed.
+    is_steady = False
     version = "auto"
 
     def __init__(self, case):

@@ -43,7 +43,7 @@ class ByMqtt(Follower):
         self.told[topic] = payload
         if topic == "batch":
             self._past(json.loads(payload)["readings"], at)
-        elif topic.endswith("/attr"):
+        elif topic.endswith("/attr") and self.is_steady:
             self._attr(topic.split("/"), json.loads(payload), at)
         elif topic.endswith(("/state", "/availability")):
             for path, (unit, nth) in self.points.items():
@@ -63,7 +63,8 @@ class ByMqtt(Follower):
                             False)
 
     def _attr(self, topic, attr, at):
-        """What is said of a value has the time of its reading; the value came before."""
+        """What is said of a value has the time of its reading. The value has come before, unless
+        the broker is slow: it is published with another QoS."""
         module, label, _ = topic
         which = self.points.get(f"{module}.{label}")
         if which is None:
