@@ -174,10 +174,11 @@ def followed(s, entry, since, made):
                                                        made[point])
                 if at is None or not began <= at <= end]
         s.check(entry, late, [], f"{point}, not at their times (value, at, after, before):")
-    # What has become too old has the time at which it was read.
-    for module in {name.split(".")[0] for name, *_ in found}:
-        times = [at for name, _, at, of, _ in found if of == GOOD and name.startswith(module)]
-        s.check(entry, times, sorted(times, key=lambda at: at or 0), f"the order of {module}")
+    # Of each point: of two requests to a module that has just come back, the reply to the first one
+    # may be withheld until its model is known, and that to the second one not.
+    for point in {name for name, *_ in found}:
+        times = [at for name, _, at, of, _ in found if of == GOOD and name == point]
+        s.check(entry, times, sorted(times, key=lambda at: at or 0), f"the order of {point}")
     same = [each[:4] for each in found]
     s.check(entry, [each for each in same if same.count(each) > 1], [], "told twice")
     births = [s.host.place(each) for kind in ("NBIRTH", "DBIRTH")
