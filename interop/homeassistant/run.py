@@ -83,7 +83,8 @@ class Exported(Plant):
     def packages(self):
         """The exports, by outlet."""
         export = lambda outlet: subprocess.run(
-            [daemon.program(), "export", "ha", "--config", self.daemon.config, "--outlet", outlet],
+            [daemon.program(), "export", "ha", "--config", self.daemon.config, "--outlet", outlet,
+             "--site", "plant"],
             check=True, capture_output=True, text=True).stdout
         return {outlet: export(outlet) for outlet in ("scada", "plc")}
 
@@ -472,7 +473,7 @@ def exported(tally, version, who):
             home = Home(broker, version, s.packages())
             try:
                 home.start()
-                for way, prefix in (("MQTT", PREFIX), ("Modbus", "railbus_plc_")):
+                for way, prefix in (("MQTT", PREFIX), ("Modbus", PREFIX + "plc_")):
                     s.judged(home, f"exported for {who}, over {way}", prefix)
                 complaints = [line for line in home.said().splitlines()
                               if (" WARNING " in line or " ERROR " in line)
