@@ -135,9 +135,10 @@ impl Pty {
         }
     }
 
-    /// The speed set by the client. A PTY has no parity, so that is the line's own.
+    /// The speed set by the client; its input speed may still be that of the client before. A PTY
+    /// has no parity, so that is the line's own.
     fn settings(&self) -> io::Result<SerialSettings> {
-        let rate = tcgetattr(&self.slave)?.input_speed();
+        let rate = tcgetattr(&self.slave)?.output_speed();
         Ok(SerialSettings {
             // An unsupported speed is as wrong as the highest one, which hardly any module
             // supports.

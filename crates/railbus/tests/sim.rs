@@ -55,7 +55,8 @@ impl Sim {
         }
     }
 
-    /// Opens the PTY as a master does: raw, each read waits a second at most.
+    /// Opens the PTY as a master does: raw, each read waits a second at most. What most C libraries
+    /// set as the speed is the output speed; they leave the input speed as it was.
     fn open_pty(&self, speed: u32) -> File {
         let port = OpenOptions::new()
             .read(true)
@@ -64,7 +65,7 @@ impl Sim {
             .expect("the link leads to a PTY");
         let mut settings = tcgetattr(&port).expect("a terminal");
         settings.make_raw();
-        settings.set_speed(speed).expect("a speed");
+        settings.set_output_speed(speed).expect("a speed");
         settings.special_codes[SpecialCodeIndex::VMIN] = 0;
         settings.special_codes[SpecialCodeIndex::VTIME] = 10;
         tcsetattr(&port, OptionalActions::Now, &settings).expect("settings");
