@@ -67,11 +67,41 @@ pub(super) fn name_of(is_demo: bool, file: &Path) -> String {
     if is_demo {
         return "demo".to_owned();
     }
-    // Whatever the path is spelled like.
-    let file = railbus_app::config_file::real(file);
-    let folder = file.parent().and_then(Path::file_name);
-    folder.map_or_else(
+    // The same however the path is written. Where the file itself is a link, the folder of the link
+    // is that of the site.
+    let file = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
+    let folder = file.parent().map(railbus_app::config_file::real);
+    let name = folder.as_deref().and_then(Path::file_name);
+    name.map_or_else(
         || "railbus".to_owned(),
         |name| name.to_string_lossy().into_owned(),
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_site_is_called_the_same_however_its_path_is_written() {
+        let unique = format!("railbus-site-name-{}", std::process::id());
+        let root = std::env::temp_dir().join(unique);
+        let (plant, other) = (root.join("plant"), root.join("other"));
+        std::fs::create_dir_all(&plant).unwrap();
+        std::fs::create_dir_all(&other).unwrap();
+        let file = plant.join("railbus.toml");
+        std::fs::write(&file, "").unwrap();
+        std::os::unix::fs::symlink(&file, other.join("railbus.toml")).unwrap();
+        let name = |path: &Path| name_of(false, path);
+        assert_eq!(name(&file), "plant");
+        assert_eq!(name(&plant.join("not-yet.toml")), "plant");
+        assert_eq!(name(&other.join("../plant/./railbus.toml")), "plant");
+        assert_eq!(name(&other.join("railbus.toml")), "other", "a link");
+        // A test runs in the folder of its package.
+        assert_eq!(name(Path::new("railbus.toml")), "gateway");
+        assert_eq!(name(Path::new("src/../railbus.toml")), "gateway");
+        assert_eq!(name(Path::new("/railbus.toml")), "railbus");
+        assert_eq!(name_of(true, &file), "demo");
+        let _ = std::fs::remove_dir_all(root);
+    }
 }
