@@ -15,10 +15,14 @@ use serde_json::{Value, json};
 
 /// How often values are asked for over HTTP, in seconds.
 const EVERY_S: u64 = 2;
-/// How often it is looked whether railbus is heard over MQTT, in seconds.
+/// How long an answer is waited for, in milliseconds; without a limit Node-RED waits for two
+/// minutes. A command is sent within 5 s or not at all, and its answer says what became of it.
+const READ_MAX_MS: u64 = 3_000;
+const SET_MAX_MS: u64 = 15_000;
+/// How often the flow checks that health messages still come over MQTT, in seconds.
 const CHECK_S: u64 = 2;
-/// How many of its signs of life may be missing, and one more.
-const ALIVE_OF_HEALTH: u64 = 3;
+/// After this many of their periods without one, railbus counts as gone.
+const PERIODS_MAX: u64 = 3;
 /// Where the token is: a variable of the flow.
 const TOKEN: &str = "RAILBUS_TOKEN";
 
@@ -152,7 +156,7 @@ fn over_mqtt(asked: &Asked<'_>, offer: &MqttOffer) -> (Flow, Vec<String>) {
     let status = json!({ "type": "status", "name": "", "scope": [bridge] });
     flow.add("status", 0, status, all);
     flow.rows(1);
-    // Nor can railbus, where the broker went first: what it has retained says `online` for good.
+    // Nor does railbus, if the broker had gone first: its retained `online` stays.
     flow.add("health", 0, listen(&offer.health), all);
     flow.rows(1);
     let clock = json!({
@@ -178,7 +182,7 @@ fn over_mqtt(asked: &Asked<'_>, offer: &MqttOffer) -> (Flow, Vec<String>) {
             + &constant("health", &offer.health)
             + &format!(
                 "const aliveMs = {};\n",
-                ALIVE_OF_HEALTH * 1_000 * offer.health_every_s
+                PERIODS_MAX * 1_000 * offer.health_every_s
             )
             + &constant("availability", &one.availability)
             + &constant("states", &one.states)
@@ -254,10 +258,13 @@ fn over_http(asked: &Asked<'_>) -> (Flow, Vec<String>) {
         }
         node
     };
-    let with_token = json!({
-        "type": "function", "name": TOKEN, "func": HTTP_TOKEN, "outputs": 1, "timeout": 0,
-        "noerr": 0, "initialize": "", "finalize": "", "libs": [],
-    });
+    let with_token = |most_ms: u64| {
+        let code = format!("msg.requestTimeout = {most_ms};\n{HTTP_TOKEN}");
+        json!({
+            "type": "function", "name": TOKEN, "func": code, "outputs": 1, "timeout": 0,
+            "noerr": 0, "initialize": "", "finalize": "", "libs": [],
+        })
+    };
     let every = json!({
         "type": "inject", "name": "", "props": [], "repeat": EVERY_S.to_string(), "crontab": "",
         "once": true, "onceDelay": 0.1, "topic": "",
@@ -268,11 +275,11 @@ fn over_http(asked: &Asked<'_>) -> (Flow, Vec<String>) {
         .collect();
     let (token, get) = (flow.id("read.token"), flow.id("read"));
     flow.add("every", 0, every, &[vec![token]]);
-    flow.add("read.token", 1, with_token.clone(), &[vec![get]]);
+    flow.add("read.token", 1, with_token(READ_MAX_MS), &[vec![get]]);
     flow.add("read", 2, request("GET", &api), &[values]);
     flow.rows(2);
     let (token, put, result) = (flow.id("set.token"), flow.id("set"), flow.id("result"));
-    flow.add("set.token", 1, with_token, &[vec![put]]);
+    flow.add("set.token", 1, with_token(SET_MAX_MS), &[vec![put]]);
     flow.add("set", 2, request("PUT", ""), &[vec![result]]);
     flow.add(
         "result",
@@ -367,9 +374,8 @@ fn tls(flow: &mut Flow, ca: &str) -> String {
     }))
 }
 
-/// Adds the token to a request, which would be waited for two minutes otherwise.
-const HTTP_TOKEN: &str = r#"msg.requestTimeout = 3000;
-msg.headers = { Authorization: "Bearer " + env.get("RAILBUS_TOKEN") };
+/// Adds the token to a request.
+const HTTP_TOKEN: &str = r#"msg.headers = { Authorization: "Bearer " + env.get("RAILBUS_TOKEN") };
 return msg;
 "#;
 
@@ -404,7 +410,7 @@ if (msg.status) {
     seen[msg.topic] = msg.payload;
 }
 context.set("seen", seen);
-// A broker keeps "online" of a railbus that is gone, if it was gone itself at that time.
+// A broker that had gone before railbus did still has "online" retained.
 const isThere = seen[bridge] === "online" && seen[availability] === "online"
     && Date.now() - seen[health] < aliveMs;
 const words = { ON: true, OFF: false, None: null, "": null };
