@@ -149,8 +149,8 @@ impl<'a> Asked<'a> {
         format!("site={}", quoted(&self.site))
     }
 
-    /// The same without modules that are not polled: one that nobody asks is not known to be
-    /// offline.
+    /// The labels of Prometheus that select the polled modules of the site. Metrics count a module
+    /// that was never asked as down, which is not to be an alert.
     pub(super) fn of_polled(&self) -> String {
         let modules = self.config.modules.iter();
         let unpolled: Vec<&str> = modules

@@ -110,6 +110,105 @@ fn a_switch_shows_what_was_read_back() {
     assert!((value(400.0) + 20.0).abs() < 1e-6 && (value(2_000.0) - 80.0).abs() < 1e-6);
 }
 
+/// Numbers of any size keep their digits.
+#[test]
+fn a_small_range_is_scaled_as_exactly_as_a_large_one() {
+    let text = SITE.replace(
+        "low = -20, high = 80, unit = \"℃\", decimals = 1",
+        "low = 0, high = 0.000001, unit = \"m\", decimals = 4",
+    );
+    let found = site("plant", &format!("{text}{MODBUS}"));
+    let asked = Asked::about((Lang::En, "ha"), &found, url(NEAR).unwrap());
+    let package = read(&ha::file(&asked).unwrap());
+    let sensor = &package["modbus"][0]["sensors"][0];
+    let number = |key: &str| sensor[key].as_f64().unwrap();
+    let full = 2_000.0 * number("scale") + number("offset");
+    assert!((full - 1e-6).abs() < 1e-15, "{full}");
+}
+
+#[test]
+fn what_does_not_reach_home_assistant_is_named() {
+    let notes = |text: &str, address| {
+        let found = site("plant", text);
+        let asked = Asked::about((Lang::En, "ha"), &found, url(address).unwrap());
+        ha::file(&asked).unwrap().notes
+    };
+    let all = format!("{SITE}{MODBUS}");
+    assert_eq!(notes(&all, NEAR), Vec::<String>::new());
+    let [far] = &notes(&all, FAR)[..] else {
+        panic!("it is reached from here only");
+    };
+    assert!(far.contains("plc listens at 127.0.0.1"), "{far}");
+    let twice = format!(
+        "[line.other]\nport = \"/dev/ttyS98\"\n[module.twin]\nline = \"other\"\n\
+         model = \"erc8\"\naddress = 3\n{all}"
+    );
+    let [clash] = &notes(&twice, NEAR)[..] else {
+        panic!("two modules have one address");
+    };
+    assert!(clash.ends_with("in plc: oven, twin"), "{clash}");
+}
+
+#[test]
+fn two_sites_of_one_name_can_have_ids_of_their_own() {
+    let found = site("plant", &format!("{SITE}{MODBUS}"));
+    let package = |name: &str| {
+        let mut asked = Asked::about((Lang::En, "ha"), &found, url(NEAR).unwrap());
+        asked.site = name.to_owned();
+        read(&ha::file(&asked).unwrap())["modbus"][0].clone()
+    };
+    let (oslo, bergen) = (package("oslo"), package("bergen"));
+    let id = |hub: &Value| hub["switches"][0]["unique_id"].clone();
+    assert_ne!(id(&oslo), id(&bergen));
+    assert_ne!(oslo["name"], bergen["name"]);
+}
+
+#[test]
+fn what_is_never_polled_raises_no_alert() {
+    let text = SITE.replace("address = 3", "address = 3\npoll = \"never\"");
+    let found = site("plant", &text);
+    let asked = Asked::about((Lang::En, "prometheus"), &found, url(NEAR).unwrap());
+    let rules = read(&prometheus::rules(&asked));
+    let expr = |alert: &str| {
+        let mut all = rules["groups"][0]["rules"].as_array().unwrap().iter();
+        let rule = all.find(|rule| rule["alert"] == alert).unwrap();
+        rule["expr"].as_str().unwrap().to_owned()
+    };
+    let offline = expr("RailbusModuleOffline");
+    assert!(offline.contains("module!~\"oven\""), "{offline}");
+    let not_good = expr("RailbusValuesNotGood");
+    assert!(
+        not_good.contains("tank") && !not_good.contains("oven"),
+        "{not_good}"
+    );
+    let board = grafana::file(&asked).text;
+    assert!(
+        board.contains("module!~\\\"oven\\\""),
+        "offline modules of the overview"
+    );
+}
+
+#[test]
+fn a_command_from_node_red_is_waited_for_longer_than_a_reading() {
+    let mut asked_twice = format!("{SITE}{MQTT}[outlet.other]\ntype = \"mqtt\"\n");
+    asked_twice += "base = \"other\"\n";
+    let found = site("plant", &asked_twice);
+    let mut asked = Asked::about((Lang::En, "nodered"), &found, url(NEAR).unwrap());
+    // Which of the outlets is meant is not asked.
+    asked.is_http = true;
+    let flow: Vec<Value> = serde_json::from_str(&nodered::file(&asked).unwrap().text).unwrap();
+    let of = |words: &str| {
+        let has = |node: &&Value| {
+            node["func"]
+                .as_str()
+                .is_some_and(|code| code.contains(words))
+        };
+        flow.iter().filter(has).count()
+    };
+    assert_eq!(of("msg.requestTimeout = 3000;"), 1);
+    assert_eq!(of("msg.requestTimeout = 15000;"), 1);
+}
+
 #[test]
 fn of_outlets_that_fit_the_best_one_is_taken_and_of_two_none() {
     let both = read(&form(&format!("{MQTT}{MODBUS}"), NEAR, |asked| {
