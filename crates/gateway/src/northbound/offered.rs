@@ -38,9 +38,9 @@ pub struct MqttOffer {
     pub is_tls: bool,
     /// `online` or `offline` for all.
     pub bridge: String,
-    /// Where something is published every few seconds while all is well, and nothing retained.
+    /// The topic of the periodic health message, which is not retained.
     pub health: String,
-    /// How often, in seconds.
+    /// The period of that message, in seconds.
     pub health_every_s: u64,
     /// The published modules.
     pub modules: Vec<MqttOfferModule>,

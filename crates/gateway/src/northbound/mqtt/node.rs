@@ -23,7 +23,7 @@ use std::time::Duration;
 
 /// How many results and how many events wait before the oldest are dropped.
 const QUEUE_MAX: usize = 256;
-/// How often it is told how the outlet does.
+/// The period of the health message.
 pub(super) const HEALTH_EVERY: Duration = Duration::from_secs(10);
 /// The longest time in which a broker acknowledges a message.
 const ACKNOWLEDGED_MAX: Duration = Duration::from_secs(10);

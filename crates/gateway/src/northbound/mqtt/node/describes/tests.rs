@@ -196,7 +196,7 @@ async fn another_form_takes_over_from_the_one_before() {
             "{last:?}"
         );
         let again = wait + AGAIN_WAIT;
-        // That it is well is told before.
+        // A health message comes before.
         published(&mut node, HEALTH_EVERY);
         assert_eq!(node.deadline(), Some(again), "it may still have been busy");
         assert_eq!(published(&mut node, again), last);
@@ -256,7 +256,7 @@ async fn what_is_something_else_is_told_twice() {
         node.handle(now, Input::News(&news));
         let told = settle(&mut node, now);
         assert_eq!(told.contains(&OVEN.to_owned()), is_other, "{told:?}");
-        // That it is well is told before.
+        // A health message comes before.
         settle(&mut node, HEALTH_EVERY);
         let again = is_other.then_some(now + AGAIN_WAIT);
         assert_eq!(node.deadline(), again.or(idle));
