@@ -226,9 +226,9 @@ def as_json(told):
 def agreed(s, what, path, quality, value=None, since=None):
     """Each says this of a point, at last; with one source time, if it is a reading after the time
     that is named. Its time."""
-    time = lambda: (s.by_websocket(path) or (None, None, None))[2]
-    until(lambda: s.by_websocket(path)[:2] == (quality, value)
-          and (since is None or time() > since))
+    pushed = lambda: s.by_websocket(path) or (None, None, None)
+    time = lambda: pushed()[2]
+    until(lambda: pushed()[:2] == (quality, value) and (since is None or time() > since))
     for way, its in WAYS.items():
         has_time = way in OF_READING or (quality == GOOD and way != "Modbus TCP")
         want = (UNKNOWN if way == "Modbus TCP" and quality != GOOD else quality, value,

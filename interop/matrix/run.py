@@ -22,7 +22,6 @@ failed.
 import collections
 import concurrent.futures
 import http.client
-import itertools
 import json
 import os
 import pathlib
@@ -813,7 +812,7 @@ def run_case(row_name, column_name):
 
 # The table ---------------------------------------------------------------------------------
 
-LETTERS = "ABCD"
+LETTERS = "ABCDE"
 # The rows whose requests can be made through an outlet: the units are always polled there.
 THROUGH = {f"S{number}" for number in (*range(20), 21, 22, 24, 25, 36)}
 POLLED = {"S24", "S36"}
@@ -852,8 +851,9 @@ def cell(ends, may_be):
     """The ends as the table shows them. If two are equally good, timing decides between them, and
     the table shows both."""
     words = []
-    for letter, end, allowed in itertools.zip_longest(LETTERS[:len(ends)], ends, may_be,
-                                                      fillvalue=()):
+    for nth, end in enumerate(ends):
+        # A case that breaks off has one end more.
+        letter, allowed = LETTERS[nth], may_be[nth] if nth < len(may_be) else set()
         word = end if end.startswith("WRONG") else end.split()[0]
         shown = must_be(allowed) if {word} < allowed else word
         words.append(f"{letter} {shown}")
