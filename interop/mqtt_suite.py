@@ -581,18 +581,26 @@ def other_form(s, form):
     """The other form takes over, and back again: Home Assistant lets go of each entity first."""
     entry = f"{form}: the other form takes over"
     moves = '{"migrate_discovery":true}'
+    counts = {"device": 3, "component": len(entities(s, form)[0])}
     for now in ("component" if form == "device" else "device", form):
         since = s.watcher.count()
         is_new = lambda topic, now=now: topic.startswith(f"{HOME}/device/") == (now == "device")
         s.ask("PUT", "/outlets/mqtt/scada", {**s.settings, "discovery": now})
-        known = lambda: [(topic, payload) for _, _, topic, payload in s.watcher.got[since:]
-                         if topic.startswith(f"{HOME}/")]
-        until(lambda: (told := known()) and is_new(told[-1][0])
-              and [payload for _, payload in told].count(moves)
-              == [payload for _, payload in told].count(""))
+
+        def known():
+            """What Home Assistant was told since the form before was first asked to let go: until
+            then that one may be told again."""
+            told = [(topic, payload) for _, _, topic, payload in s.watcher.got[since:]
+                    if topic.startswith(f"{HOME}/")]
+            first = next((nth for nth, (_, payload) in enumerate(told) if payload == moves), None)
+            return [] if first is None else told[first:]
+
+        until(lambda: len({topic for topic, _ in known() if is_new(topic)}) == counts[now])
         told = known()
         old = {topic for topic, _ in told if not is_new(topic)}
-        s.check(entry, (len(old) == 3) == (now == "component"), True, f"{now}: {len(old)} topics")
+        before = counts["component" if now == "device" else "device"]
+        s.check(entry, len(old), before, f"{now}: topics of before")
+        s.check(entry, len({topic for topic, _ in told} - old), counts[now], f"{now}: topics")
         for topic in old:
             s.check(entry, [payload for each, payload in told if each == topic], [moves, ""], topic)
         new = [nth for nth, (topic, _) in enumerate(told) if is_new(topic)]
