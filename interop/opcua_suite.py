@@ -40,7 +40,7 @@ def suite():
 def browsed(s, li):
     """The nodes, and what they are."""
     entry = "browse: lines, modules and points"
-    at = lambda *names: [f"0:Objects", *(f"{li.namespace}:{name}" for name in names)]
+    at = lambda *names: ["0:Objects", *(f"{li.namespace}:{name}" for name in names)]
     root = li.client.nodes.root
     for names, want in ((("railbus", "main", "oven", "k1"), "oven.k1"),
                         (("railbus", "main", "tank", "ai1"), "tank.ai1"),
