@@ -137,22 +137,23 @@ def beside_dead(port):
     return told
 
 
-def floor(path):
-    """The same requests on the line itself, without railbus."""
+def by_itself(path, speed, exchanges):
+    """The times of exchanges on the line itself, without railbus. An exchange is its requests, each
+    as the silence before it in milliseconds, its bytes, and the length of the reply."""
     line = os.open(path, os.O_RDWR | os.O_NOCTTY)
     tty.setraw(line)
     attributes = termios.tcgetattr(line)
-    attributes[4] = attributes[5] = termios.B9600
+    attributes[4] = attributes[5] = speed
     termios.tcsetattr(line, termios.TCSANOW, attributes)
-    request = bytes([UNIT, 3, 0, 0, 0, 2])
-    request += crc(request)
     times = []
-    for _ in range(FLOOR_READS):
+    for exchange in exchanges:
         began = time.monotonic()
-        os.write(line, request)
-        got = b""
-        while len(got) < 9:
-            got += os.read(line, 256)
+        for silence_ms, request, length in exchange:
+            time.sleep(silence_ms / 1000)
+            os.write(line, request + crc(request))
+            got = b""
+            while len(got) < length:
+                got += os.read(line, 256)
         times.append(time.monotonic() - began)
         apart()
     os.close(line)
@@ -173,7 +174,8 @@ def measure_line():
         site.daemon.close()
         site.sim.do("power dead on")
         line = os.path.join(site.folder.name, "line")
-        row("floor", floor(line))
+        read = [(0, bytes([UNIT, 3, 0, 0, 0, 2]), 9)]
+        row("floor", by_itself(line, termios.B9600, [read] * FLOOR_READS))
         if os.environ.get("MBUSD"):
             by_mbusd(site, line)
 
@@ -578,8 +580,10 @@ def flooded(name, over):
     daemon.close()
 
 
-WRITES = 200
-WRITTEN = """
+class Yard:
+    """A line at 19200 with one simulated ERC-8 that takes 5 ms, and an outlet of the daemon."""
+
+    TEXT = """
 [line.main]
 port = "pty:{line}"
 baud = 19200
@@ -588,9 +592,41 @@ baud = 19200
 line = "main"
 model = "erc8"
 address = 9
-poll = "60s"
+{polled}
 sim = {{ turnaround = "5ms" }}
+
+[outlet.scada]
 """
+
+    def __init__(self, polled, outlet):
+        from judge.daemon import Daemon
+        from modbus_tcp import Simulator
+
+        self.folder = tempfile.TemporaryDirectory(prefix="railbus-measure-")
+        self.line = os.path.join(self.folder.name, "line")
+        text = self.TEXT.format(line=self.line, polled=polled)
+        text += "".join(f"{key} = {json.dumps(value)}\n" for key, value in outlet.items())
+        self.daemon = Daemon(self.folder.name, text)
+        self.sim = Simulator(self.folder.name, self.daemon.config)
+        self.sim.start()
+        self.daemon.start()
+        self.wait_good()
+
+    def point(self):
+        """What is said of the first relay."""
+        return self.daemon.ask("GET", "/points/yard/k1")[1]
+
+    def wait_good(self):
+        """Until it has been read."""
+        until(lambda: self.point()["quality"] == "good")
+
+    def close(self):
+        """Ends both."""
+        self.daemon.close()
+        self.sim.kill()
+
+
+WRITES = 200
 # A write of one coil and the read of it, with their replies, of the ERC-8, which needs a gap
 # between them.
 CHARACTERS, TURNAROUNDS_MS, GAP_MS = 8 + 8 + 8 + 6, 2 * 5, 20
@@ -600,22 +636,12 @@ def measure_writes():
     """How long a write takes until it is answered: the relay has moved, and was read back."""
     import opcua
     from asyncua import ua
-    from judge.daemon import Daemon
-    from modbus_tcp import Simulator
 
     held, port = free_port()
     held.close()
-    folder = tempfile.TemporaryDirectory(prefix="railbus-measure-")
-    path = os.path.join(folder.name, "line")
-    daemon = Daemon(folder.name, WRITTEN.format(line=path)
-                    + f'[outlet.scada]\ntype = "opcua"\nlisten = "127.0.0.1:{port}"\n')
-    sim = Simulator(folder.name, daemon.config)
-    sim.start()
-    daemon.start()
-    daemon.ask("POST", "/users", {"name": "li", "role": "admin", "points": [],
-                                  "password": opcua.PASSWORD})
-    point = lambda: daemon.ask("GET", "/points/yard/k1")[1]
-    until(lambda: point()["quality"] == "good")
+    yard = Yard('poll = "60s"', {"type": "opcua", "listen": f"127.0.0.1:{port}"})
+    yard.daemon.ask("POST", "/users", {"name": "li", "role": "admin", "points": [],
+                                       "password": opcua.PASSWORD})
     session = opcua.Session(port, "li")
     node, states = session.node("yard.k1"), [ua.DataValue(ua.Variant(on)) for on in (False, True)]
 
@@ -623,7 +649,7 @@ def measure_writes():
         session.do(node.write_value(states[on]))
 
     def over_http(on):
-        status, answer = daemon.ask("PUT", "/points/yard/k1", {"value": on})
+        status, answer = yard.daemon.ask("PUT", "/points/yard/k1", {"value": on})
         if status != 200:
             raise RuntimeError(answer)
 
@@ -641,49 +667,15 @@ def measure_writes():
     row("OPC UA", times[over_opcua])
     row("HTTP", times[over_http])
     session.close()
-    daemon.close()
-    row("the line by itself", written(path))
-    sim.kill()
-
-
-def written(path):
-    """The same requests on the line itself, without railbus."""
-    line = os.open(path, os.O_RDWR | os.O_NOCTTY)
-    tty.setraw(line)
-    attributes = termios.tcgetattr(line)
-    attributes[4] = attributes[5] = termios.B19200
-    termios.tcsetattr(line, termios.TCSANOW, attributes)
-    times = []
-    for nth in range(WRITES):
-        began = time.monotonic()
-        for gap, request, length in ((0, bytes([9, 5, 0, 0x3C, 0xFF * (nth & 1), 0]), 8),
-                                     (GAP_MS, bytes([9, 1, 0, 0x3C, 0, 8]), 6)):
-            time.sleep(gap / 1000)
-            os.write(line, request + crc(request))
-            got = b""
-            while len(got) < length:
-                got += os.read(line, 256)
-        times.append(time.monotonic() - began)
-        apart()
-    os.close(line)
-    return times
+    yard.daemon.close()
+    exchanges = ([(0, bytes([9, 5, 0, 0x3C, 0xFF * (nth & 1), 0]), 8),
+                  (GAP_MS, bytes([9, 1, 0, 0x3C, 0, 8]), 6)] for nth in range(WRITES))
+    row("the line by itself", by_itself(yard.line, termios.B19200, exchanges))
+    yard.close()
 
 
 # How often a value becomes too old, and from which age on it is.
 ROUNDS, OLD_S = 40, 1.0
-STALE = """
-[line.main]
-port = "pty:{line}"
-baud = 19200
-
-[module.yard]
-line = "main"
-model = "erc8"
-address = 9
-poll = "{poll}"
-max_age = "1s"
-sim = {{ turnaround = "5ms" }}
-"""
 
 
 def measure_stale():
@@ -763,40 +755,29 @@ class HeardByOpcua:
 
 def aged(kind, poll):
     """How much later than it was too old it was told of a value, in seconds."""
-    from judge.daemon import Daemon
-    from modbus_tcp import Simulator
-
     heard = HeardByOpcua() if kind == "opcua" else HeardAtBroker(kind)
-    folder = tempfile.TemporaryDirectory(prefix="railbus-measure-")
-    text = STALE.format(line=os.path.join(folder.name, "line"), poll=poll) + "[outlet.scada]\n"
-    text += "".join(f"{key} = {json.dumps(value)}\n" for key, value in heard.settings.items())
-    daemon = Daemon(folder.name, text)
-    sim = Simulator(folder.name, daemon.config)
-    sim.start()
-    daemon.start()
-    point = lambda: daemon.ask("GET", "/points/yard/k1")[1]
-    until(lambda: point()["quality"] == "good")
+    yard = Yard(f'poll = "{poll}"\nmax_age = "{OLD_S:.0f}s"', heard.settings)
     heard.begin()
     until(lambda: heard.got)
     late = []
     while len(late) < ROUNDS:
-        until(lambda: point()["quality"] == "good")
+        yard.wait_good()
         time.sleep(random.uniform(0, 0.3))
         since = len(heard.got)
         if poll != "2s":
-            sim.do("power yard off")
+            yard.sim.do("power yard off")
         olds = lambda: [at for at, is_old in heard.got[since:] if is_old]
         if not until(olds):
-            raise RuntimeError(f"nothing is told: {point()}, {heard.got[since:]}")
-        read = datetime.datetime.fromisoformat(point()["time"].replace("Z", "+00:00")).timestamp()
+            raise RuntimeError(f"nothing is told: {yard.point()}, {heard.got[since:]}")
+        stamp = yard.point()["time"].replace("Z", "+00:00")
+        read = datetime.datetime.fromisoformat(stamp).timestamp()
         # Unless it was read again meanwhile.
         if read < olds()[0]:
             late.append(olds()[0] - read - OLD_S)
         if poll != "2s":
-            sim.do("power yard on")
+            yard.sim.do("power yard on")
     heard.close()
-    daemon.close()
-    sim.kill()
+    yard.close()
     return late
 
 
