@@ -18,7 +18,7 @@ class ByMqtt(Follower):
 
     def __init__(self, case):
         super().__init__(case)
-        self.broker = mqtt.Broker()
+        self.broker = mqtt.Broker(["ordered"])
         self.watcher = mqtt.Watcher(self.broker, "mqttv5", f"{PREFIX}/#")
         self.ids = itertools.count()
         # The newest of the topics, as they are called below the prefix.
@@ -63,8 +63,7 @@ class ByMqtt(Follower):
                             False)
 
     def _attr(self, topic, attr, at):
-        """What is said of a value has the time of its reading. The value has come before, unless
-        the broker is slow: it is published with another QoS."""
+        """What is said of a value has the time of its reading, and comes after it."""
         module, label, _ = topic
         which = self.points.get(f"{module}.{label}")
         if which is None:

@@ -404,8 +404,18 @@ impl Node {
                     let flight = Flight::Bridge(is_there);
                     return Some((message(topic, word.as_bytes(), true), flight));
                 }
-                Due::Topic(topic) => {
-                    self.is_due.remove(&topic);
+                Due::Topic(mut topic) => {
+                    // Published already, before its `attr`.
+                    if !self.is_due.remove(&topic) {
+                        continue;
+                    }
+                    // The `attr` of a new value would be taken for that of the one before.
+                    let value = Topics::value_of(&topic);
+                    if let Some(value) = value.filter(|value| self.is_due.remove(value)) {
+                        let attr = std::mem::replace(&mut topic, value);
+                        self.is_due.insert(attr.clone());
+                        self.due.push_front(Due::Topic(attr));
+                    }
                     if let Some(newest) = self.told.newest(&topic) {
                         let message = message(topic.clone(), &newest.payload, newest.is_sure);
                         return Some((message, Flight::Newest(topic)));

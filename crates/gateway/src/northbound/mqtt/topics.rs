@@ -110,6 +110,12 @@ impl Topics {
         self.of(&format!("{module}/{label}/{facet}"))
     }
 
+    /// The topic of the value that this one says the quality and time of.
+    pub(super) fn value_of(topic: &str) -> Option<String> {
+        let point = topic.strip_suffix("/attr")?;
+        Some(format!("{point}/state"))
+    }
+
     /// Where an output is commanded.
     pub(super) fn set(&self, module: &str, label: &str) -> String {
         self.of(&format!("{module}/{label}/set"))

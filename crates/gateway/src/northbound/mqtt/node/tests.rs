@@ -123,8 +123,8 @@ async fn online_comes_after_everything_else() {
         [
             "bridge/state",
             "bridge/info",
-            "oven/k1/attr",
-            "oven/k1/state"
+            "oven/k1/state",
+            "oven/k1/attr"
         ]
     );
     assert_eq!(topics[18..], ["oven/availability", "bridge/state"]);
@@ -186,6 +186,45 @@ async fn a_value_is_told_while_it_is_good() {
     let gone = told(on, PointQuality::Bad(BadReason::LineAbsent));
     assert_eq!(gone[0].1, "None");
     assert!(gone[1].1.contains("line_absent"), "{gone:?}");
+}
+
+/// Or a reader would take the quality and time of the new one for those of the value before.
+#[tokio::test]
+async fn a_value_is_told_before_its_quality_and_time() {
+    let (mut node, picture) = connected(OVEN).await;
+    let tell = |node: &mut Node, on| {
+        let value = PointValue::Bool(on);
+        let news = change(&picture, "oven.k1", value, PointQuality::Good);
+        node.handle(ZERO, Input::News(&news));
+    };
+    let stale = change(
+        &picture,
+        "oven.k1",
+        PointValue::Bool(true),
+        PointQuality::Stale,
+    );
+    tell(&mut node, true);
+    let Some(Output::Publish(number, first)) = node.poll(ZERO) else {
+        panic!("the value");
+    };
+    node.handle(ZERO, Input::Taken(number, Verdict::Taken));
+    assert_eq!(
+        (&*first.topic, &*first.payload),
+        ("railbus/plant/oven/k1/state", &b"ON"[..])
+    );
+    // Its quality is due, and then something else.
+    node.handle(ZERO, Input::News(&stale));
+    let told = settle(&mut node, ZERO);
+    assert_eq!(told.len(), 2, "{told:?}");
+    assert_eq!(told[0], ("oven/k1/state".to_owned(), "None".to_owned()));
+    assert!(told[1].1.contains("\"stale\""), "{told:?}");
+    // And with changes on top of it.
+    tell(&mut node, true);
+    tell(&mut node, false);
+    let told = settle(&mut node, ZERO);
+    assert_eq!(told.len(), 2, "{told:?}");
+    assert_eq!(told[0], ("oven/k1/state".to_owned(), "OFF".to_owned()));
+    assert_eq!(node.waiting(), 0);
 }
 
 /// While the broker is slow the newest value replaces the one before, and nothing piles up.
