@@ -28,15 +28,20 @@ SITE = "venv/lib/python*/site-packages"
 THERE = ("pymodbus",)
 
 
+def clear():
+    """Removes versions of before, and what was not finished."""
+    folder = target() / "homeassistant"
+    folder.mkdir(parents=True, exist_ok=True)
+    for each in folder.iterdir():
+        if each.name not in SUITES:
+            shutil.rmtree(each)
+
+
 def root(version):
     """The root of the Debian of this Home Assistant, which is made if it is not there."""
     place = target() / "homeassistant" / version
     if not place.is_dir():
-        unfinished = place.with_name("unfinished")
-        place.parent.mkdir(parents=True, exist_ok=True)
-        for other in place.parent.iterdir():
-            if other.name not in SUITES:
-                shutil.rmtree(other)
+        unfinished = place.with_name(f"{version}.unfinished")
         unfinished.mkdir()
         print(f"installing Home Assistant {version} in {place.relative_to(target())}: "
               "this takes some minutes, once", flush=True)
