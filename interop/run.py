@@ -29,8 +29,9 @@ PROGRAMS = {
 NODE = {"interop/node": "node-red", "interop/opcua-node": "node-opcua-client",
         "web": "typescript"}
 
-# Suites in parallel: they mostly wait for a line that is as slow as a real one.
-WORKERS = 12
+# Suites in parallel: they mostly wait for a line that is as slow as a real one, and those with a
+# daemon use more of the machine.
+SUITES_AT_ONCE, DAEMONS_AT_ONCE = 24, 12
 # How many failures of a suite are shown.
 SHOWN = 10
 
@@ -112,10 +113,10 @@ def daemons(words):
     import sparkplug_suite
 
     # The longest first.
-    return chosen((faults_suite, modbus_tcp_suite, modbus_security_suite, modbus_rtu_suite,
-                   modbus_line_suite, mqtt_suite, mqtt_replay_suite, sparkplug_suite,
-                   sparkplug_host_suite, opcua_suite, opcua_node_suite, one_truth_suite,
-                   exports_suite), words)
+    return chosen((exports_suite, faults_suite, modbus_tcp_suite, modbus_security_suite,
+                   modbus_rtu_suite, modbus_line_suite, mqtt_suite, mqtt_replay_suite,
+                   sparkplug_suite, sparkplug_host_suite, opcua_suite, opcua_node_suite,
+                   one_truth_suite), words)
 
 
 def alone(words):
@@ -141,11 +142,11 @@ def timed(run):
     return tally, time.monotonic() - began
 
 
-def run_all(wanted):
-    """Runs the suites in parallel and prints a line for each; returns name and tally of each, and
-    how many were aborted."""
+def run_all(wanted, at_once):
+    """Runs so many of the suites at once and prints a line for each; returns name and tally of
+    each, and how many were aborted."""
     tallies, lost = [], 0
-    with concurrent.futures.ThreadPoolExecutor(WORKERS) as pool:
+    with concurrent.futures.ThreadPoolExecutor(at_once) as pool:
         running = {pool.submit(timed, run): name for name, run in wanted}
         for future in concurrent.futures.as_completed(running):
             name = running[future]
@@ -181,9 +182,9 @@ def main(words):
         print(f"0 passed, {len(absent)} failed")
         return 1
     build()
-    tallies, failed = run_all(suites(words))
+    tallies, failed = run_all(suites(words), SUITES_AT_ONCE)
     for later in (daemons, alone):
-        more, lost = run_all(later(words))
+        more, lost = run_all(later(words), DAEMONS_AT_ONCE)
         tallies, failed = tallies + more, failed + lost
     for name, tally in tallies:
         failed += len(tally.failures)
