@@ -275,7 +275,7 @@ fn apart(root: &Path) -> impl Iterator<Item = &'static str> {
 
 /// How many tests run at once on each core: they spend nine tenths of their time waiting for lines
 /// at 9600 baud and for modules that don't answer.
-const TESTS_PER_CORE: usize = 3;
+const TESTS_PER_CORE: usize = 8;
 
 /// Nextest runs tests in separate processes and faster; without it plain cargo does.
 fn nextest(root: &Path, targets: &[&str]) -> Result<()> {

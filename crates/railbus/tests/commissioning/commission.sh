@@ -1,12 +1,14 @@
 #!/bin/sh
-# Forty modules out of their boxes, on two lines: all answer at the address and the speed of the
-# factory. They get their power one after another, and each its own place before the next.
+# Forty modules out of their boxes, on two lines with one person at each: all answer at the address
+# and the speed of the factory. On a line they get their power one after another, and each its own
+# place before the next.
 #
 # What a person does with his hands goes to the simulator (`railbus sim ctl`); all the rest is
 # what he would type.
 set -eu
 
-power() { railbus sim ctl ./ctl "power $1 $2" >/dev/null; }
+home=$PWD
+power() { railbus sim ctl "$home/ctl" "power $1 $2" >/dev/null; }
 
 # The name that the scan gave to the module at the factory's address.
 newcomer() { sed -n 's/^\[module\.\([a-z0-9]*_1\)\]$/\1/p' railbus.toml; }
@@ -30,24 +32,27 @@ commission() {
     esac >>set.txt
 }
 
-cat >railbus.toml <<END
-[line.north]
-port = "pty:$PWD/north"
-
-[line.south]
-port = "pty:$PWD/south"
-END
-
-number=0
-for line in north south; do
+# commission_line LINE FIRST: twenty modules, in a folder of its own.
+commission_line() {
+    mkdir "$1.d"
+    cd "$1.d"
+    printf '[line.%s]\nport = "pty:%s/%s"\n' "$1" "$home" "$1" >railbus.toml
+    number=$2
     address=2
     while [ $address -le 21 ]; do
+        commission "$(printf 'm%02d' "$number")" "$1" $address
         number=$((number + 1))
-        commission "$(printf 'm%02d' $number)" $line $address
         address=$((address + 1))
     done
-done
+}
 
+commission_line north 1 & north=$!
+commission_line south 21 & south=$!
+wait $north
+wait $south
+
+# Both are one site.
+cat north.d/railbus.toml south.d/railbus.toml >railbus.toml
 railbus -q config backup -O site.json
 
 # One breaks down, and a new one is put in its place.
