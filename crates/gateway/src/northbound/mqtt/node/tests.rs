@@ -397,7 +397,7 @@ async fn what_was_on_its_way_is_published_again() {
 }
 
 #[tokio::test]
-async fn it_says_every_30_seconds_how_it_does() {
+async fn it_says_every_ten_seconds_how_it_does() {
     let (mut node, _) = connected(OVEN).await;
     assert_eq!(node.deadline(), Some(HEALTH_EVERY));
     assert_eq!(
