@@ -28,11 +28,16 @@ fn a_topic_begins_with_how_everything_is_and_then_tells_what_changes() {
 
     let answer = daemon.send("PUT", "/api/v1/points/pump/do0", r#"{"value":true}"#);
     assert_eq!(answer.status, 200, "{}", answer.text());
-    let delta = one.next().expect("a delta");
-    assert!(is(&delta, "delta", "points/pump/do0"), "{delta}");
-    assert_eq!(delta["seq"], 1);
-    assert_eq!(delta["points"].as_array().map(Vec::len), Some(1));
-    assert_eq!(delta["points"][0]["value"], true);
+    // On a busy machine the value may become too old before, and be read again.
+    for seq in 1.. {
+        let delta = one.next().expect("a delta");
+        assert!(is(&delta, "delta", "points/pump/do0"), "{delta}");
+        assert_eq!(delta["seq"], seq);
+        assert_eq!(delta["points"].as_array().map(Vec::len), Some(1));
+        if delta["points"][0]["value"] == true {
+            break;
+        }
+    }
     client.until("it is told to all", |m| {
         let told = m["points"].as_array();
         let path = |point: &Value| point["path"] == "pump.do0" && point["value"] == true;
