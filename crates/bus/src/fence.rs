@@ -92,8 +92,9 @@ impl Bus {
     }
 
     /// Whether a good reply certainly belongs to this request, and not to an earlier one that could
-    /// be confused with it. With `in_order` it shows that older requests are done.
-    pub(crate) fn is_own(&mut self, flight: &InFlight, in_order: bool) -> bool {
+    /// be confused with it. With `in_order` it shows that older requests are done. It was received
+    /// after `skip` bytes.
+    pub(crate) fn is_own(&mut self, flight: &InFlight, in_order: bool, skip: usize) -> bool {
         let Some(module) = flight.job.module() else {
             return true;
         };
@@ -101,7 +102,24 @@ impl Bus {
             self.note_fence(flight, module, in_order);
             return true;
         }
+        self.take_late_replies_before(skip);
         self.is_own_among_ghosts(flight, module, in_order)
+    }
+
+    /// Late replies came together with this one, in front of it. They are taken before their ghosts
+    /// count as done: each may come a second time.
+    #[cold]
+    fn take_late_replies_before(&mut self, skip: usize) {
+        let mut before = self.rx.heard_before(skip);
+        loop {
+            let heard = self.rx.heard().get(..before).unwrap_or_default();
+            let Some(met) = self.ghosts.take_reply(heard) else {
+                break;
+            };
+            self.rx.cut_heard(met.at, met.len);
+            before = before.saturating_sub(met.len);
+            self.on_late_reply(met);
+        }
     }
 
     #[cold]

@@ -359,12 +359,18 @@ impl Bus {
 
     #[cold]
     fn take_late_replies_heard(&mut self) {
-        if let Some(met) = self.ghosts.take_reply(self.rx.heard()) {
-            self.rx.forget();
+        let mut are_known = false;
+        while let Some(met) = self.ghosts.take_reply(self.rx.heard()) {
+            are_known = true;
+            self.rx.cut_heard(met.at, met.len);
             self.on_late_reply(met);
-        } else if self.rx.holds_duplicate() {
-            self.rx.forget();
+        }
+        if self.rx.holds_duplicate() {
+            are_known = true;
             self.become_cautious();
+        }
+        if are_known {
+            self.rx.forget();
         }
     }
 
@@ -546,7 +552,7 @@ impl Bus {
             self.fail(flight, len, None);
             return self.end_if_left(flight);
         }
-        let is_own = self.is_own(flight, in_order);
+        let is_own = self.is_own(flight, in_order, skip);
         self.take_late_replies();
         // Two modules with the same address both answer a probe.
         if self.rx.is_cautious() || self.may_have_twins(&flight.job) {

@@ -268,6 +268,21 @@ impl RxBuffer {
         self.len -= to - from;
     }
 
+    /// How much of [`RxBuffer::heard`] was received before the good reply that was taken out after
+    /// `skip` others.
+    pub(crate) fn heard_before(&self, skip: usize) -> usize {
+        (self.reply_from() + skip)
+            .min(self.len)
+            .saturating_sub(self.reply_at)
+    }
+
+    /// Takes `len` bytes out of [`RxBuffer::heard`], after `skip` others. What may be the reply is
+    /// not known afterwards.
+    pub(crate) fn cut_heard(&mut self, skip: usize, len: usize) {
+        self.early = 0;
+        self.cut(skip, len);
+    }
+
     /// Takes unsolicited bytes; true when they make a babble.
     pub(crate) fn overhear(&mut self, now: Instant, busy_until: Instant, bytes: &[u8]) -> bool {
         if now.since(busy_until) > SILENCE {
