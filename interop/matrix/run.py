@@ -49,7 +49,7 @@ TABLE = HERE.parent / "matrix.md"
 LOG = ROOT / "target/fault-matrix.log"
 
 # Cases in parallel: they mostly wait.
-WORKERS = 8
+WORKERS = 12
 # The timeout of everything.
 PATIENCE = 15.0
 # How much longer than a request that needs no line an error may take if its reason was known
