@@ -465,7 +465,7 @@ impl Bus {
             _ if heard.is_empty() => return,
             // Another module, or noise: the reply may still follow.
             (_, Decoded::Malformed(_) | Decoded::Whole { .. }) => {
-                if let Some(met) = self.ghosts.take_reply(heard) {
+                while let Some(met) = self.ghosts.take_reply(self.rx.reply()) {
                     self.rx.cut(met.at, met.len);
                     self.on_late_reply(met);
                 }
