@@ -43,8 +43,9 @@ def root(version):
     if not place.is_dir():
         unfinished = place.with_name(f"{version}.unfinished")
         unfinished.mkdir()
+        # In one piece: the other one is installed at the same time.
         print(f"installing Home Assistant {version} in {place.relative_to(target())}: "
-              "this takes some minutes, once", flush=True)
+              "this takes some minutes, once\n", end="", flush=True)
         debian(unfinished, SUITES[version])
         packages(unfinished, version)
         unfinished.rename(place)
