@@ -199,6 +199,8 @@ struct Recorder {
     points: BTreeMap<String, BTreeMap<Point, Recorded>>,
     presence: BTreeMap<String, Presence>,
     lines: BTreeMap<String, (LineState, bool)>,
+    /// When the newest was told of what it knows.
+    heard_at: SystemTime,
     /// When what the history did not take is tried again.
     again: Option<Instant>,
 }
@@ -211,6 +213,7 @@ impl Recorder {
             points: BTreeMap::new(),
             presence: BTreeMap::new(),
             lines: BTreeMap::new(),
+            heard_at: SystemTime::UNIX_EPOCH,
             again: None,
         }
     }
@@ -239,8 +242,7 @@ impl Recorder {
                     None => return,
                 },
                 Ok(()) = opened.changed() => {
-                    let all = self.points.values_mut().flat_map(BTreeMap::values_mut);
-                    all.for_each(|point| point.kept = UNKNOWN);
+                    self.forget();
                     self.record_all();
                 }
                 () = sleep_until(again) => self.record_all(),
@@ -289,6 +291,7 @@ impl Recorder {
             kept: UNKNOWN,
             kept_at: 0,
         });
+        self.heard_at = told_at;
         known.now = graded(status);
         let read_at = status.time.filter(|_| status.quality == PointQuality::Good);
         if !known.record(&self.history, read_at.unwrap_or(told_at), told_at) {
@@ -296,12 +299,19 @@ impl Recorder {
         }
     }
 
-    /// Records what the history does not have, as of now.
+    /// The history knows nothing of any point.
+    fn forget(&mut self) {
+        let all = self.points.values_mut().flat_map(BTreeMap::values_mut);
+        all.for_each(|point| point.kept = UNKNOWN);
+    }
+
+    /// Records what the history does not have, as of the newest that is known: what has changed
+    /// since, and is told later, comes after it.
     fn record_all(&mut self) {
         self.again = None;
-        let now = SystemTime::now();
+        let at = self.heard_at;
         for known in self.points.values_mut().flat_map(BTreeMap::values_mut) {
-            if !known.record(&self.history, now, now) {
+            if !known.record(&self.history, at, at) {
                 self.again = Some(Instant::now() + AGAIN);
                 return;
             }
@@ -518,6 +528,43 @@ mod tests {
                 (2_000, None, SampleQuality::Bad),
             ]
         );
+        service.close().await;
+        let _ = std::fs::remove_dir_all(folder);
+    }
+
+    /// Changes are told a moment after they were.
+    #[tokio::test]
+    async fn a_history_that_is_opened_again_has_a_change_of_that_moment_last() {
+        let unique = format!("railbus-record-again-{}", std::process::id());
+        let folder = std::env::temp_dir().join(unique);
+        let history = History::open(&folder, Keep::default()).unwrap();
+        let service = Service::start(Config::parse(&oven("erc8")).unwrap()).unwrap();
+        let mut recorder = Recorder::new(Arc::downgrade(&service.inner), history.clone());
+        recorder.take(&service, &service.follow().next().await.unwrap());
+        let first = Point {
+            kind: PointKind::Output,
+            index: 0,
+        };
+        let now = SystemTime::now();
+        let tell = |recorder: &mut Recorder, on, at| {
+            let mut status = service.point("oven", first).unwrap();
+            (status.value, status.quality) = (Some(PointValue::Bool(on)), PointQuality::Good);
+            status.time = Some(at);
+            recorder.record(&status, at);
+        };
+        tell(&mut recorder, true, now - Duration::from_secs(5));
+        recorder.forget();
+        recorder.record_all();
+        tell(&mut recorder, false, now - Duration::from_millis(30));
+        let end = millis(now);
+        let chart = history
+            .chart("oven.k1", end - 10_000, end + 10_000, 60)
+            .await;
+        let Ok(Chart::Samples(samples)) = chart else {
+            panic!("{chart:?}");
+        };
+        let values: Vec<_> = samples.iter().map(|sample| sample.value).collect();
+        assert_eq!(values, [Some(1.0), Some(0.0)]);
         service.close().await;
         let _ = std::fs::remove_dir_all(folder);
     }
