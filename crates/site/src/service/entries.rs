@@ -175,9 +175,10 @@ pub(super) mod tests {
     use std::sync::mpsc;
     use std::time::SystemTime;
 
-    /// The thread of a log does nothing until this is dropped.
+    /// The thread of a log does nothing from now on until this is dropped.
     pub(in crate::service) fn hold_up(log: &AuditLog) -> mpsc::Sender<()> {
         let (goes_on, waits) = mpsc::channel::<()>();
+        let (holds, is_held) = mpsc::channel();
         let entry = Entry {
             id: String::new(),
             at: SystemTime::now(),
@@ -186,8 +187,12 @@ pub(super) mod tests {
             what: String::new(),
             end: None,
         };
-        let then = Box::new(move |_| _ = waits.recv());
+        let then = Box::new(move |_| {
+            let _ = holds.send(());
+            let _ = waits.recv();
+        });
         let _ = log.begin(entry, String::new(), then);
+        let _ = is_held.recv();
         goes_on
     }
 
