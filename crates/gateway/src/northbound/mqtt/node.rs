@@ -199,6 +199,8 @@ pub(super) struct Node {
     due: VecDeque<Due>,
     /// The topics among them.
     is_due: BTreeSet<String>,
+    /// The `attr` of the value that was just published, as it was at that moment.
+    attr: Option<Message>,
     results: VecDeque<Said>,
     events: VecDeque<Said>,
     replay: Option<Replay>,
@@ -226,6 +228,7 @@ impl Node {
             link: None,
             due: VecDeque::new(),
             is_due: BTreeSet::new(),
+            attr: None,
             results: VecDeque::new(),
             events: VecDeque::new(),
             replay: setup.has_outbox.then(Replay::default),
@@ -329,7 +332,8 @@ impl Node {
 
     /// Whether nothing is left to do before it ends.
     pub(super) fn is_done(&self) -> bool {
-        let is_idle = |link: &Link| self.due.is_empty() && link.flights.is_empty();
+        let is_due = !self.due.is_empty() || self.attr.is_some();
+        let is_idle = |link: &Link| !is_due && link.flights.is_empty();
         self.is_ending && self.link.as_ref().is_none_or(is_idle)
     }
 
@@ -376,6 +380,10 @@ impl Node {
     }
 
     fn next_due(&mut self) -> Option<(Message, Flight)> {
+        if let Some(attr) = self.attr.take() {
+            let topic = attr.topic.clone();
+            return Some((attr, Flight::Newest(topic)));
+        }
         loop {
             let message = |topic: String, payload: &[u8], is_sure| Message {
                 topic,
@@ -404,21 +412,23 @@ impl Node {
                     let flight = Flight::Bridge(is_there);
                     return Some((message(topic, word.as_bytes(), true), flight));
                 }
-                Due::Topic(mut topic) => {
+                Due::Topic(topic) => {
                     // Published already, before its `attr`.
                     if !self.is_due.remove(&topic) {
                         continue;
                     }
-                    // The `attr` of a new value would be taken for that of the one before.
-                    let value = Topics::value_of(&topic);
-                    if let Some(value) = value.filter(|value| self.is_due.remove(value)) {
-                        let attr = std::mem::replace(&mut topic, value);
-                        self.is_due.insert(attr.clone());
-                        self.due.push_front(Due::Topic(attr));
-                    }
                     if let Some(newest) = self.told.newest(&topic) {
-                        let message = message(topic.clone(), &newest.payload, newest.is_sure);
-                        return Some((message, Flight::Newest(topic)));
+                        let newest = message(topic.clone(), &newest.payload, newest.is_sure);
+                        // The `attr` of a new value would be taken for that of the one before.
+                        if let Some(value) = Topics::value_of(&topic)
+                            && let Some(first) = self.told.newest(&value)
+                            && self.is_due.remove(&value)
+                        {
+                            self.attr = Some(newest);
+                            let first = message(value.clone(), &first.payload, first.is_sure);
+                            return Some((first, Flight::Newest(value)));
+                        }
+                        return Some((newest, Flight::Newest(topic)));
                     }
                     if self.told.is_old(&topic) {
                         let flight = Flight::Clear(topic.clone());
@@ -470,6 +480,7 @@ impl Node {
     fn lost(&mut self) {
         self.due.clear();
         self.is_due.clear();
+        self.attr = None;
         // What was to be published on that connection is due again with the next one.
         self.outputs
             .retain(|output| !matches!(output, Output::Subscribe(_)));
@@ -623,6 +634,7 @@ impl Node {
         self.is_ending = true;
         self.due.clear();
         self.is_due.clear();
+        self.attr = None;
         self.due.push_back(Due::Bridge(false));
         if is_gone {
             let all = self.told.clear();

@@ -66,6 +66,39 @@ async fn a_value_is_told_before_its_quality_and_time() {
     assert_eq!(node.waiting(), 0);
 }
 
+/// A value that changes as fast as the broker takes messages.
+#[tokio::test]
+async fn a_restless_value_keeps_no_other_waiting() {
+    let (mut node, picture) = connected(OVEN).await;
+    let tell = |node: &mut Node, path, round: u64| {
+        let value = PointValue::Bool(round.is_multiple_of(2));
+        let mut news = change(&picture, path, value, PointQuality::Good);
+        if let News::Batch(batch) = &mut news
+            && let Some(batch) = Arc::get_mut(batch)
+        {
+            let read_at = SystemTime::UNIX_EPOCH + Duration::from_secs(round);
+            batch.points[0].status.time = Some(read_at);
+        }
+        node.handle(ZERO, Input::News(&news));
+    };
+    tell(&mut node, "oven.k1", 2);
+    tell(&mut node, "oven.k2", 2);
+    let mut told = Vec::new();
+    for round in 3..43 {
+        tell(&mut node, "oven.k1", round);
+        let Some(Output::Publish(number, message)) = node.poll(ZERO) else {
+            panic!("{told:?}");
+        };
+        node.handle(ZERO, Input::Taken(number, Verdict::Taken));
+        told.push(message.topic);
+    }
+    let count = |topic: &str| told.iter().filter(|told| told.ends_with(topic)).count();
+    assert_eq!((count("k2/state"), count("k2/attr")), (1, 1), "{told:?}");
+    assert!(count("k1/attr") > 5, "{told:?}");
+    settle(&mut node, ZERO);
+    assert_eq!(node.waiting(), 0);
+}
+
 /// While the broker is slow the newest value replaces the one before, and nothing piles up.
 #[tokio::test]
 async fn the_newest_value_wins() {
