@@ -412,7 +412,7 @@ if (msg.status) {
 context.set("seen", seen);
 // A broker that had gone before railbus did still has "online" retained.
 const isThere = seen[bridge] === "online" && seen[availability] === "online"
-    && Date.now() - seen[health] < aliveMs;
+    && Math.abs(Date.now() - seen[health]) < aliveMs;
 const words = { ON: true, OFF: false, None: null, "": null };
 const now = (label) => {
     const text = isThere ? seen[states.replace("+", label)] : undefined;

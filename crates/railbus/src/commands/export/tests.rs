@@ -146,7 +146,7 @@ fn what_does_not_reach_home_assistant_is_named() {
     let [clash] = &notes(&twice, NEAR)[..] else {
         panic!("two modules have one address");
     };
-    assert!(clash.ends_with("in plc: oven, twin"), "{clash}");
+    assert!(clash.ends_with(": oven, twin"), "{clash}");
 }
 
 #[test]

@@ -38,8 +38,8 @@ railbus_words::texts! {
         zh: "有多个集成时，使用哪一个（ha、nodered）",
     }
     Site {
-        en: "Name of the site there [default: the folder of the configuration]",
-        zh: "其中的站点名称 [默认：配置文件所在文件夹的名称]",
+        en: "Name of the site in the file, not for MQTT [default: the folder of the configuration]",
+        zh: "文件中的站点名称，不适用于 MQTT [默认：配置文件所在文件夹的名称]",
     }
     Http {
         en: "Over HTTP, even if there is an MQTT integration (nodered)",
@@ -93,8 +93,9 @@ Save it beside configuration.yaml as railbus.yaml, and add there:
     }
 
     HaLeftOut {
-        en: "left out, because they have no unit of their own in {outlet}: {modules}",
-        zh: "未导出，因在 {outlet} 中没有单独的单元号：{modules}",
+        en: "left out, because they are not among the \"modules\" of {outlet}, or their unit is that of \
+another one: {modules}",
+        zh: "未导出，因不在 {outlet} 的 \"modules\" 中，或单元号与其他模块相同：{modules}",
     }
     HaOnlyHere {
         en: "{outlet} listens at {listen}, for programs on that machine only; set \"listen\" and \
