@@ -48,6 +48,8 @@ commission_line() {
 
 commission_line north 1 & north=$!
 commission_line south 21 & south=$!
+# If one of them fails, the other ends, too.
+trap 'kill $north $south 2>/dev/null || true' EXIT
 wait $north
 wait $south
 
