@@ -200,7 +200,7 @@ pub(super) struct Node {
     /// The topics among them.
     is_due: BTreeSet<String>,
     /// The `attr` of the value that was just published, as it was at that moment.
-    attr: Option<Message>,
+    attr: Option<(Message, Flight)>,
     results: VecDeque<Said>,
     events: VecDeque<Said>,
     replay: Option<Replay>,
@@ -381,8 +381,7 @@ impl Node {
 
     fn next_due(&mut self) -> Option<(Message, Flight)> {
         if let Some(attr) = self.attr.take() {
-            let topic = attr.topic.clone();
-            return Some((attr, Flight::Newest(topic)));
+            return Some(attr);
         }
         loop {
             let message = |topic: String, payload: &[u8], is_sure| Message {
@@ -424,7 +423,7 @@ impl Node {
                             && let Some(first) = self.told.newest(&value)
                             && self.is_due.remove(&value)
                         {
-                            self.attr = Some(newest);
+                            self.attr = Some((newest, Flight::Newest(topic)));
                             let first = message(value.clone(), &first.payload, first.is_sure);
                             return Some((first, Flight::Newest(value)));
                         }

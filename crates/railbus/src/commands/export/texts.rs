@@ -93,8 +93,8 @@ Save it beside configuration.yaml as railbus.yaml, and add there:
     }
 
     HaLeftOut {
-        en: "left out, because they are not among the \"modules\" of {outlet}, or their unit is that of \
-another one: {modules}",
+        en: "left out, because they are not among the \"modules\" of {outlet}, or their unit is \
+that of another one: {modules}",
         zh: "未导出，因不在 {outlet} 的 \"modules\" 中，或单元号与其他模块相同：{modules}",
     }
     HaOnlyHere {
