@@ -102,23 +102,25 @@ impl Bus {
             self.note_fence(flight, module, in_order);
             return true;
         }
-        self.take_late_replies_before(skip);
+        self.expect_copies_before(skip);
         self.is_own_among_ghosts(flight, module, in_order)
     }
 
-    /// Late replies came together with this one, in front of it. They are taken before their ghosts
-    /// count as done: each may come a second time.
+    /// Late replies came in one piece with this one, in front of it. This one ends their ghosts;
+    /// but where replies may be duplicated, each may come a second time.
     #[cold]
-    fn take_late_replies_before(&mut self, skip: usize) {
+    fn expect_copies_before(&mut self, skip: usize) {
         let mut before = self.rx.heard_before(skip);
-        loop {
+        while self.rx.is_cautious() {
             let heard = self.rx.heard().get(..before).unwrap_or_default();
             let Some(met) = self.ghosts.take_reply(heard) else {
                 break;
             };
             self.rx.cut_heard(met.at, met.len);
             before = before.saturating_sub(met.len);
-            self.on_late_reply(met);
+            if let Some(ghost) = met.ghost {
+                self.expect_copy(ghost);
+            }
         }
     }
 

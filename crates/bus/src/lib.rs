@@ -359,18 +359,12 @@ impl Bus {
 
     #[cold]
     fn take_late_replies_heard(&mut self) {
-        let mut are_known = false;
-        while let Some(met) = self.ghosts.take_reply(self.rx.heard()) {
-            are_known = true;
-            self.rx.cut_heard(met.at, met.len);
-            self.on_late_reply(met);
-        }
-        if self.rx.holds_duplicate() {
-            are_known = true;
-            self.become_cautious();
-        }
-        if are_known {
+        if let Some(met) = self.ghosts.take_reply(self.rx.heard()) {
             self.rx.forget();
+            self.on_late_reply(met);
+        } else if self.rx.holds_duplicate() {
+            self.rx.forget();
+            self.become_cautious();
         }
     }
 
@@ -390,13 +384,7 @@ impl Bus {
             return;
         }
         if self.rx.is_cautious() {
-            let until = self.now + self.config.duplicate_window;
-            self.ghosts.add(Ghost {
-                late: until,
-                until,
-                answered: true,
-                ..ghost
-            });
+            self.expect_copy(ghost);
         }
         let Some(module) = ghost.module else { return };
         self.ghosts.end_before(module, ghost.sent);
@@ -421,6 +409,17 @@ impl Bus {
             }
         }
         self.events.push(Event::Late { module, after });
+    }
+
+    /// The reply to this one came; it may come a second time.
+    fn expect_copy(&mut self, ghost: Ghost) {
+        let until = self.now + self.config.duplicate_window;
+        self.ghosts.add(Ghost {
+            late: until,
+            until,
+            answered: true,
+            ..ghost
+        });
     }
 
     fn become_cautious(&mut self) {
@@ -465,7 +464,7 @@ impl Bus {
             _ if heard.is_empty() => return,
             // Another module, or noise: the reply may still follow.
             (_, Decoded::Malformed(_) | Decoded::Whole { .. }) => {
-                while let Some(met) = self.ghosts.take_reply(self.rx.reply()) {
+                if let Some(met) = self.ghosts.take_reply(heard) {
                     self.rx.cut(met.at, met.len);
                     self.on_late_reply(met);
                 }
