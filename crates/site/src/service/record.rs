@@ -199,8 +199,6 @@ struct Recorder {
     points: BTreeMap<String, BTreeMap<Point, Recorded>>,
     presence: BTreeMap<String, Presence>,
     lines: BTreeMap<String, (LineState, bool)>,
-    /// When the newest was told of what it knows.
-    heard_at: SystemTime,
     /// When what the history did not take is tried again.
     again: Option<Instant>,
 }
@@ -213,7 +211,6 @@ impl Recorder {
             points: BTreeMap::new(),
             presence: BTreeMap::new(),
             lines: BTreeMap::new(),
-            heard_at: SystemTime::UNIX_EPOCH,
             again: None,
         }
     }
@@ -291,7 +288,6 @@ impl Recorder {
             kept: UNKNOWN,
             kept_at: 0,
         });
-        self.heard_at = told_at;
         known.now = graded(status);
         let read_at = status.time.filter(|_| status.quality == PointQuality::Good);
         if !known.record(&self.history, read_at.unwrap_or(told_at), told_at) {
@@ -305,13 +301,12 @@ impl Recorder {
         all.for_each(|point| point.kept = UNKNOWN);
     }
 
-    /// Records what the history does not have, as of the newest that is known: what has changed
-    /// since, and is told later, comes after it.
+    /// Records what the history does not have, as of now.
     fn record_all(&mut self) {
         self.again = None;
-        let at = self.heard_at;
+        let now = SystemTime::now();
         for known in self.points.values_mut().flat_map(BTreeMap::values_mut) {
-            if !known.record(&self.history, at, at) {
+            if !known.record(&self.history, now, now) {
                 self.again = Some(Instant::now() + AGAIN);
                 return;
             }
@@ -404,9 +399,10 @@ impl Recorded {
         }
         let (value, grade) = self.now;
         let mut t = millis(since);
-        // A value can become stale after the request began that reads it anew: the sample that is
-        // told later must not lie before the one of that. After a clock was set back it may.
-        if t < self.kept_at && self.kept_at <= millis(told_at) {
+        // A value can become stale after the request began that reads it anew, and everything be
+        // recorded before a change of that moment is told: the sample that comes later must not lie
+        // before the one that is there. After a clock was set back it may.
+        if t < self.kept_at && self.kept_at <= millis(told_at) + TOLD_LATE_MAX {
             t = self.kept_at;
         }
         let is_taken = history.sample(Arc::clone(&self.path), Sample { t, value, grade });
@@ -416,6 +412,9 @@ impl Recorded {
         is_taken
     }
 }
+
+/// How much later than it was a change is told at most, in milliseconds.
+const TOLD_LATE_MAX: i64 = 5_000;
 
 /// What the history takes a point for of which it knows nothing.
 const UNKNOWN: Graded = (None, SampleQuality::Bad);
@@ -498,19 +497,19 @@ mod tests {
             recorder.record(&status, at(told_ms));
         };
         let (good, stale) = (PointQuality::Good, PointQuality::Stale);
-        tell(Some(true), good, 100, 140);
+        tell(Some(true), good, 10_100, 10_140);
         // Another end of a pulse: the same value, which was read again.
-        tell(Some(true), good, 200, 230);
-        tell(Some(true), stale, 200, 1_200);
+        tell(Some(true), good, 10_200, 10_230);
+        tell(Some(true), stale, 10_200, 11_200);
         // Its request began before that.
-        tell(Some(false), good, 1_190, 1_230);
-        tell(Some(true), good, 1_300, 1_340);
+        tell(Some(false), good, 11_190, 11_230);
+        tell(Some(true), good, 11_300, 11_340);
         let offline = PointQuality::Bad(crate::BadReason::Offline);
-        tell(Some(true), offline, 1_300, 2_000);
+        tell(Some(true), offline, 11_300, 12_000);
         // The clock was set back.
         tell(Some(true), good, 50, 90);
         let begin = i64::try_from(BEGIN).unwrap();
-        let chart = history.chart("oven.k1", begin, begin + 5_000, 60).await;
+        let chart = history.chart("oven.k1", begin, begin + 15_000, 60).await;
         let Ok(Chart::Samples(samples)) = chart else {
             panic!("{chart:?}");
         };
@@ -522,10 +521,10 @@ mod tests {
             told,
             [
                 (50, Some(1.0), SampleQuality::Good),
-                (100, Some(1.0), SampleQuality::Good),
-                (1_200, Some(0.0), SampleQuality::Good),
-                (1_300, Some(1.0), SampleQuality::Good),
-                (2_000, None, SampleQuality::Bad),
+                (10_100, Some(1.0), SampleQuality::Good),
+                (11_200, Some(0.0), SampleQuality::Good),
+                (11_300, Some(1.0), SampleQuality::Good),
+                (12_000, None, SampleQuality::Bad),
             ]
         );
         service.close().await;
