@@ -16,8 +16,9 @@ use serde_json::{Value, json};
 /// How often values are asked for over HTTP, in seconds.
 const EVERY_S: u64 = 2;
 /// How long an answer is waited for, in milliseconds; without a limit Node-RED waits for two
-/// minutes. A command is sent within 5 s or not at all, and its answer says what became of it.
-const READ_MAX_MS: u64 = 3_000;
+/// minutes. That of a reading not until the next one begins: it would be taken for a newer one. A
+/// command is sent within 5 s or not at all, and its answer says what became of it.
+const READ_MAX_MS: u64 = 1_900;
 const SET_MAX_MS: u64 = 15_000;
 /// How often the flow checks that health messages still come over MQTT, in seconds.
 const CHECK_S: u64 = 2;

@@ -205,7 +205,7 @@ fn a_command_from_node_red_is_waited_for_longer_than_a_reading() {
         };
         flow.iter().filter(has).count()
     };
-    assert_eq!(of("msg.requestTimeout = 3000;"), 1);
+    assert_eq!(of("msg.requestTimeout = 1900;"), 1);
     assert_eq!(of("msg.requestTimeout = 15000;"), 1);
 }
 

@@ -38,8 +38,9 @@ railbus_words::texts! {
         zh: "有多个集成时，使用哪一个（ha、nodered）",
     }
     Site {
-        en: "Name of the site in the file, not for MQTT [default: the folder of the configuration]",
-        zh: "文件中的站点名称，不适用于 MQTT [默认：配置文件所在文件夹的名称]",
+        en: "Name of the site in the file; topics of MQTT stay [default: the folder of the \
+configuration]",
+        zh: "文件中的站点名称，不改变 MQTT 主题 [默认：配置文件所在文件夹的名称]",
     }
     Http {
         en: "Over HTTP, even if there is an MQTT integration (nodered)",
@@ -93,9 +94,9 @@ Save it beside configuration.yaml as railbus.yaml, and add there:
     }
 
     HaLeftOut {
-        en: "left out, because they are not among the \"modules\" of {outlet}, or their unit is \
-that of another one: {modules}",
-        zh: "未导出，因不在 {outlet} 的 \"modules\" 中，或单元号与其他模块相同：{modules}",
+        en: "left out, because {outlet} gives them no unit (see its \"modules\" and \"units\"): \
+{modules}",
+        zh: "未导出，因 {outlet} 没有为其分配单元号（见其 \"modules\" 和 \"units\"）：{modules}",
     }
     HaOnlyHere {
         en: "{outlet} listens at {listen}, for programs on that machine only; set \"listen\" and \
