@@ -299,11 +299,12 @@ def without_railbus(s, red):
     s.broker.kill()
     until(lambda: red.value("oven.k2") is None)
     s.daemon.end("KILL")
+    connected = len(red.said("Connected to broker"))
     s.broker.start()
     kept = {"bridge/state": "online", "oven/availability": "online", "oven/k2/state": "ON"}
     for topic, payload in kept.items():
         s.publish(topic, payload, "-r")
-    since, connected = red.count(), len(red.said("Connected to broker"))
+    since = red.count()
     if not until(lambda: len(red.said("Connected to broker")) > connected):
         raise RuntimeError("Node-RED does not find the broker again")
     until(lambda: red.count() > since, GRACE)
