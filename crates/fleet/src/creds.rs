@@ -1,0 +1,108 @@
+//! A user's claims and his key as one file, in the form that every NATS client reads.
+
+use crate::claims::{self, Claims, SITE_DAYS};
+use crate::is_site_name;
+use nkeys::{KeyPair, KeyPairType};
+
+const DAY: u64 = 86_400;
+
+/// Why there are no credentials.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CredsError {
+    /// It can't be the name of a site.
+    Name,
+    /// This is no seed of an account's signing key.
+    Signing,
+    /// This is no public key of an account.
+    Account,
+    /// There is no key.
+    Key,
+}
+
+impl std::fmt::Display for CredsError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            CredsError::Name => "a site's name has 1 to 64 of a-z, 0-9, - and _",
+            CredsError::Signing => "this is no seed of an account's key",
+            CredsError::Account => "this is no public key of an account",
+            CredsError::Key => "no key could be made",
+        })
+    }
+}
+
+impl std::error::Error for CredsError {}
+
+/// The credentials of a site, with a new key, valid for [`SITE_DAYS`] from this time on, in seconds
+/// since 1970. `signing` is the seed of the key that makes sites, `account` their account.
+///
+/// # Errors
+/// [`CredsError`].
+pub fn site_creds(
+    (signing, account): (&str, &str),
+    site: &str,
+    now: u64,
+) -> Result<String, CredsError> {
+    let account = KeyPair::from_public_key(account);
+    let account = account.map_err(|_| CredsError::Account)?;
+    let signing = KeyPair::from_seed(signing).map_err(|_| CredsError::Signing)?;
+    for (key, error) in [
+        (&account, CredsError::Account),
+        (&signing, CredsError::Signing),
+    ] {
+        if key.key_pair_type() != KeyPairType::Account {
+            return Err(error);
+        }
+    }
+    if !is_site_name(site) {
+        return Err(CredsError::Name);
+    }
+    let key = KeyPair::new_user();
+    let claims = Claims {
+        subject: &key.public_key(),
+        name: site,
+        issued: now,
+        expires: Some(now.saturating_add(SITE_DAYS * DAY)),
+        nats: claims::site(&account.public_key()),
+    };
+    let token = claims.sign(&signing).map_err(|_| CredsError::Signing)?;
+    file(&token, &key).map_err(|_| CredsError::Key)
+}
+
+/// The file with claims and their key.
+pub(crate) fn file(token: &str, key: &KeyPair) -> Result<String, nkeys::error::Error> {
+    Ok(format!(
+        "-----BEGIN NATS USER JWT-----\n{token}\n------END NATS USER JWT------\n\n\
+         -----BEGIN USER NKEY SEED-----\n{}\n------END USER NKEY SEED------\n",
+        key.seed()?
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_site_gets_what_it_asks_for_only_with_the_right_keys() {
+        let (account, signing) = (KeyPair::new_account(), KeyPair::new_account());
+        let (public, seed) = (account.public_key(), signing.seed().unwrap());
+        let made = |seed: &str, public: &str, site| site_creds((seed, public), site, 7);
+        let creds = made(&seed, &public, "plant7").unwrap();
+        assert!(
+            creds.starts_with("-----BEGIN NATS USER JWT-----\neyJ"),
+            "{creds}"
+        );
+        assert!(creds.contains("\nSU"), "{creds}");
+        assert_eq!(made(&seed, &public, "a.b"), Err(CredsError::Name));
+        assert_eq!(made(&public, &public, "a"), Err(CredsError::Signing));
+        let user = KeyPair::new_user();
+        assert_eq!(
+            made(&user.seed().unwrap(), &public, "a"),
+            Err(CredsError::Signing)
+        );
+        assert_eq!(
+            made(&seed, &user.public_key(), "a"),
+            Err(CredsError::Account)
+        );
+        assert_eq!(made(&seed, "", "a"), Err(CredsError::Account));
+    }
+}

@@ -1,0 +1,25 @@
+//! A fleet: many sites behind one centre on NATS. No clock, no socket and no file: time is passed
+//! in, and files are returned as texts.
+//!
+//! # Where things are
+//! - What a site and a server may be called: `names`. Keys of the key pairs: `keys`.
+//! - Who may publish and hear what: `grants`. The same as signed claims that NATS servers obey:
+//!   `claims`. A key and its claims as a file: `creds`.
+//! - A new fleet with all its files: `founding`; a server's configuration: `server_file`; its
+//!   certificates: `certificates`.
+
+#![forbid(unsafe_code)]
+#![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![cfg_attr(test, allow(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
+
+mod certificates;
+mod claims;
+mod creds;
+pub mod founding;
+mod grants;
+mod names;
+mod server_file;
+
+pub use claims::SITE_DAYS;
+pub use creds::{CredsError, site_creds};
+pub use names::{is_node_name, is_site_name};
