@@ -2,7 +2,7 @@
 
 use crate::args::{LAST, flag, page, verb};
 use crate::commands::{
-    audit, bench, complete, completions, config, doctor, explain, export, extcap,
+    audit, bench, complete, completions, config, doctor, explain, export, extcap, fleet,
 };
 use crate::commands::{
     decode, get, global_flags, help, history, ls, man, outlet, pulse, raw, replay, scan,
@@ -135,6 +135,11 @@ const VERBS: &[Verb] = &[
         name: outlet::NAME,
         define: outlet::define,
         run: outlet::run,
+    },
+    Verb {
+        name: fleet::NAME,
+        define: fleet::define,
+        run: fleet::run,
     },
     Verb {
         name: user::NAME,

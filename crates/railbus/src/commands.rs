@@ -10,6 +10,7 @@ pub(crate) mod doctor;
 pub(crate) mod explain;
 pub(crate) mod export;
 pub(crate) mod extcap;
+pub(crate) mod fleet;
 pub(crate) mod get;
 pub(crate) mod help;
 pub(crate) mod history;

@@ -6,6 +6,7 @@ mod dead;
 mod doctor;
 mod exits;
 mod failures;
+mod fleet;
 mod help;
 mod liar;
 mod line;

@@ -99,6 +99,12 @@ codes! {
         likely: ["the output has a max_on, and is on", "该输出设有 max_on，且当前接通"],
         next: ["switch the output off, or wait until it is off", "先断开该输出，或等它断开后再试"],
     }
+    FleetFile = "E0160" {
+        title: ["a file of the fleet can't be used", "无法使用站群的文件"],
+        likely: ["wrong folder · it is there already · no permission · disk full",
+            "文件夹有误 · 文件已存在 · 无权限 · 磁盘已满"],
+        next: ["see the file and the reason after \"why\"", "查看“原因”后的文件和说明"],
+    }
     NoHistory = "E0170" {
         title: ["no history available", "没有历史记录"],
         likely: ["the daemon could not open its database · no daemon is running",

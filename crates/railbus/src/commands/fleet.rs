@@ -1,0 +1,68 @@
+//! `railbus fleet`: many sites behind one centre.
+
+mod creds;
+mod init;
+mod texts;
+
+use super::Context;
+use crate::args;
+use crate::texts::Text;
+use clap::{Arg, ArgMatches, Command};
+use jiff::Timestamp;
+use railbus_app::failure::Failure;
+use railbus_words::{Code, Lang, Phrase};
+use std::path::{Path, PathBuf};
+use texts::FleetText;
+
+/// The name of the command.
+pub(crate) const NAME: &str = "fleet";
+
+/// Its parser and help.
+pub(crate) fn define(lang: Lang) -> Command {
+    verb(lang, NAME, FleetText::About, "railbus fleet COMMAND")
+        .subcommand_required(true)
+        .subcommand_help_heading(lang.get(Text::Commands))
+        .subcommand(init::define(lang))
+        .subcommand(creds::define(lang))
+}
+
+fn verb(lang: Lang, name: &'static str, about: FleetText, usage: &'static str) -> Command {
+    let examples = args::examples(lang, FleetText::Examples);
+    args::verb(lang, name, about, usage).before_help(examples)
+}
+
+fn required(lang: Lang, name: &'static str, help: impl Phrase) -> Arg {
+    Arg::new(name).required(true).help(lang.get(help))
+}
+
+/// Runs a command of the group.
+pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
+    // The parser accepts no arguments without a known command.
+    let Some((verb, matches)) = matches.subcommand() else {
+        return Ok(());
+    };
+    let context = Context::of(lang, matches)?;
+    match verb {
+        init::NAME => init::run(&context, matches),
+        _ => creds::run(&context, matches),
+    }
+}
+
+fn text<'m>(matches: &'m ArgMatches, name: &str) -> &'m str {
+    let text = matches.get_one::<String>(name);
+    text.map(String::as_str).unwrap_or_default()
+}
+
+fn path(matches: &ArgMatches, name: &str) -> PathBuf {
+    text(matches, name).into()
+}
+
+/// Seconds since 1970.
+fn now() -> u64 {
+    u64::try_from(Timestamp::now().as_second()).unwrap_or_default()
+}
+
+/// A file of the fleet can't be used, for this reason.
+fn unusable(lang: Lang, file: &Path, reason: &dyn std::fmt::Display) -> Failure {
+    Failure::of(lang, Code::FleetFile).because(format!("{}: {reason}", file.display()))
+}

@@ -1,0 +1,85 @@
+//! `railbus fleet creds`: a key for a site, made beside the centre and carried to the site by hand.
+
+use super::FleetText;
+use crate::commands::Context;
+use clap::{ArgMatches, Command};
+use jiff::{Timestamp, ToSpan};
+use railbus_app::failure::Failure;
+use railbus_app::render::{Format, out, records};
+use railbus_fleet::{CredsError, SITE_DAYS, site_creds};
+use railbus_words::time::rfc3339;
+use railbus_words::{Code, Lang};
+use serde_json::json;
+use std::fs::OpenOptions;
+use std::io::Write as _;
+use std::os::unix::fs::OpenOptionsExt as _;
+use std::path::Path;
+
+/// The name of the command.
+pub(super) const NAME: &str = "creds";
+
+/// Its parser and help.
+pub(super) fn define(lang: Lang) -> Command {
+    super::verb(
+        lang,
+        NAME,
+        FleetText::Creds,
+        "railbus fleet creds DIR SITE FILE",
+    )
+    .arg(super::required(lang, "DIR", FleetText::Folder))
+    .arg(super::required(lang, "SITE", FleetText::Site))
+    .arg(super::required(lang, "FILE", FleetText::File))
+}
+
+/// Writes the file of a site.
+pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure> {
+    let lang = context.lang;
+    let hub = super::path(matches, "DIR").join("hub");
+    let (site, file) = (super::text(matches, "SITE"), super::path(matches, "FILE"));
+    let read = |name: &str| {
+        let path = hub.join(name);
+        let text = std::fs::read_to_string(&path);
+        let text = text.map_err(|error| super::unusable(lang, &path, &error))?;
+        Ok((path, text.trim().to_owned()))
+    };
+    let (signing_file, signing) = read("site-signing.nk")?;
+    let (account_file, account) = read("sites-account.pub")?;
+    let creds = site_creds((&signing, &account), site, super::now());
+    let creds = creds.map_err(|error| match error {
+        CredsError::Name => Failure::new(Code::Usage, lang.get(FleetText::BadName).to_owned()),
+        CredsError::Account => super::unusable(lang, &account_file, &error),
+        CredsError::Signing | CredsError::Key => super::unusable(lang, &signing_file, &error),
+    })?;
+    create(lang, &file, &creds)?;
+    let days = i64::try_from(SITE_DAYS).unwrap_or_default();
+    let until = Timestamp::now().checked_add((days * 24).hours());
+    let until = until.map(rfc3339).unwrap_or_default();
+    let path = file.display().to_string();
+    let text = match context.format {
+        Format::Table | Format::Value | Format::Csv => format!("{path}\n"),
+        _ => records::line(json!({ "site": site, "file": path, "until": until })),
+    };
+    out::result(lang, &text)?;
+    let day = until.split('T').next().unwrap_or_default();
+    context.note(&lang.fill(FleetText::CredsMade, &[("site", &site), ("day", &day)]));
+    Ok(())
+}
+
+/// Writes a new file that only its owner can read.
+fn create(lang: Lang, path: &Path, text: &str) -> Result<(), Failure> {
+    let made = OpenOptions::new()
+        .create_new(true)
+        .write(true)
+        .mode(0o600)
+        .open(path);
+    let written = made.and_then(|mut file| {
+        let written = file
+            .write_all(text.as_bytes())
+            .and_then(|()| file.sync_all());
+        written.inspect_err(|_| {
+            // Half of it is of no use.
+            let _ = std::fs::remove_file(path);
+        })
+    });
+    written.map_err(|error| super::unusable(lang, path, &error))
+}

@@ -1,0 +1,59 @@
+//! The texts of `railbus fleet`.
+
+railbus_words::texts! {
+    pub(crate) FleetText;
+
+    About {
+        en: "Prepare a fleet: many sites behind one centre, over NATS servers of your own.",
+        zh: "准备站群：多个站点通过自有 NATS 服务器接入同一中心。",
+    }
+    Examples {
+        en: "  railbus fleet init acme --nats nats1,nats2,nats3
+  railbus fleet creds acme plant7 plant7.creds",
+        zh: "  railbus fleet init acme --nats nats1,nats2,nats3
+  railbus fleet creds acme plant7 plant7.creds",
+    }
+    Init {
+        en: "Make the keys, accounts and certificates of a new fleet, and the configuration of each of its NATS servers.",
+        zh: "生成新站群的密钥、账户和证书，以及每台 NATS 服务器的配置。",
+    }
+    NewFolder { en: "A new folder for its files", zh: "存放文件的新文件夹" }
+    Nats {
+        en: "Its servers: 1, 3 or 5 host names or IPv4 addresses. Other servers reach it at a port 2000 higher [port: 4222]",
+        zh: "服务器：1、3 或 5 个主机名或 IPv4 地址。服务器之间使用高 2000 的端口 [端口：4222]",
+    }
+    NotFounded { en: "no fleet was made: {why}", zh: "未生成站群：{why}" }
+    NotEmpty {
+        en: "there is something in it already, which is left as it is",
+        zh: "其中已有内容，未作任何改动",
+    }
+    Head { en: "FOLDER|WHAT FOR", zh: "文件夹|用途" }
+    ForHub { en: "for the centre: with it sites are admitted", zh: "供中心使用：用于接纳站点" }
+    ForOffline {
+        en: "all other keys: keep them on no machine of the fleet",
+        zh: "其余密钥：不要保存在站群的任何机器上",
+    }
+    ForServer {
+        en: "for {server}: nats-server -c nats.conf, started in it",
+        zh: "供 {server} 使用：在其中启动 nats-server -c nats.conf",
+    }
+    Offline {
+        en: "take the folder offline/ away from this machine",
+        zh: "请将 offline/ 文件夹移离本机",
+    }
+    Creds {
+        en: "Make a key for a site, and write it to a new file. Whoever has the file can report as this site, and be sent its commands.",
+        zh: "为站点生成密钥并写入新文件；持有该文件者即可冒充该站点上报和接收命令。",
+    }
+    Folder { en: "The folder of the fleet", zh: "站群的文件夹" }
+    Site { en: "The site: 1 to 64 of a-z, 0-9, - and _", zh: "站点：1 至 64 个 a-z、0-9、- 或 _" }
+    File { en: "The new file", zh: "新文件" }
+    BadName {
+        en: "a site's name has 1 to 64 of a-z, 0-9, - and _",
+        zh: "站点名由 1 至 64 个 a-z、0-9、- 或 _ 组成",
+    }
+    CredsMade {
+        en: "{site} can connect with it until {day}; carry it there on a way you trust",
+        zh: "{site} 可用它连接至 {day}；请经可信途径送达",
+    }
+}
