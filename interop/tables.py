@@ -681,6 +681,21 @@ security: {endpoints,a client that is not trusted,an account that is locked}
 security: {Basic256Sha256,Aes256_Sha256_RsaPss}
 """
 
+# The servers of a fleet, with nats-py as site and as centre --------------------------------------
+
+FLEET = """
+a site reaches the centre
+the centre reaches a site
+a site reads its documents
+a site publishes nowhere else
+a site hears nothing else
+an answer goes nowhere else
+headers reach nothing else
+only keys of the fleet are accepted
+what people did stays
+the system key does what it is for
+"""
+
 # The daemon's Modbus RTU slave, in front of the same modules ----------------------------------
 
 MODBUS_RTU_SLAVE = """
@@ -719,6 +734,7 @@ TABLES = {
     "OPC UA": OPCUA,
     "OPC UA, node-opcua": OPCUA_NODE,
     "one truth": ONE_TRUTH,
+    "fleet": FLEET,
     "Modbus RTU slave": MODBUS_RTU_SLAVE,
 }
 

