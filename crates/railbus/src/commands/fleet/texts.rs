@@ -14,12 +14,14 @@ railbus_words::texts! {
   railbus fleet creds acme plant7 plant7.creds",
     }
     Init {
-        en: "Make the keys, accounts and certificates of a new fleet, and the configuration of each of its NATS servers.",
+        en: "Make the keys, accounts and certificates of a new fleet, and the \
+            configuration of each of its NATS servers.",
         zh: "生成新站群的密钥、账户和证书，以及每台 NATS 服务器的配置。",
     }
     NewFolder { en: "A new folder for its files", zh: "存放文件的新文件夹" }
     Nats {
-        en: "Its servers: 1, 3 or 5 host names or IPv4 addresses. Other servers reach it at a port 2000 higher [port: 4222]",
+        en: "Its servers: 1, 3 or 5 host names or IPv4 addresses. Other \
+            servers reach it at a port 2000 higher [port: 4222]",
         zh: "服务器：1、3 或 5 个主机名或 IPv4 地址。服务器之间使用高 2000 的端口 [端口：4222]",
     }
     NotFounded { en: "no fleet was made: {why}", zh: "未生成站群：{why}" }
@@ -42,7 +44,8 @@ railbus_words::texts! {
         zh: "请将 offline/ 文件夹移离本机",
     }
     Creds {
-        en: "Make a key for a site, and write it to a new file. Whoever has the file can report as this site, and be sent its commands.",
+        en: "Make a key for a site, and write it to a new file. Whoever has the file can \
+            report as this site, and be sent its commands.",
         zh: "为站点生成密钥并写入新文件；持有该文件者即可冒充该站点上报和接收命令。",
     }
     Folder { en: "The folder of the fleet", zh: "站群的文件夹" }
