@@ -5,6 +5,8 @@
 //! - What a site and a server may be called: `names`. Keys of the key pairs: `keys`.
 //! - Who may publish and hear what: `grants`. The same as signed claims that NATS servers obey:
 //!   `claims`. A key and its claims as a file: `creds`.
+//! - What site and centre say to each other: `message`. What a site says when, and up to where the
+//!   centre has its data: `uplink`.
 //! - A new fleet with all its files: `founding`; a server's configuration: `server_file`; its
 //!   certificates: `certificates`.
 
@@ -17,8 +19,10 @@ mod claims;
 mod creds;
 pub mod founding;
 mod grants;
+pub mod message;
 mod names;
 mod server_file;
+pub mod uplink;
 
 pub use claims::SITE_DAYS;
 pub use creds::{CredsError, site_creds};

@@ -1,0 +1,281 @@
+//! What a site and its centre say to each other, as `proto/railbus.proto` has it.
+
+use railbus_store::outbox::{DroppedEntries, EntryKind, OutboxEntry};
+
+/// Who asks for the session of a site.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct Hello {
+    /// Which installation of railbus this is.
+    #[prost(bytes = "vec", tag = "1")]
+    pub installation: Vec<u8>,
+    /// Which run of it.
+    #[prost(bytes = "vec", tag = "2")]
+    pub boot: Vec<u8>,
+    /// What its data is numbered by.
+    #[prost(string, tag = "3")]
+    pub epoch: String,
+    /// The number of its newest entry.
+    #[prost(uint64, tag = "4")]
+    pub newest: u64,
+    /// The version of railbus.
+    #[prost(string, tag = "5")]
+    pub version: String,
+    /// Its clock, in milliseconds since 1970.
+    #[prost(int64, tag = "6")]
+    pub clock_ms: i64,
+}
+
+/// The answer to [`Hello`].
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct Welcome {
+    /// A session, or none.
+    #[prost(oneof = "HelloAnswer", tags = "1, 2")]
+    pub answer: Option<HelloAnswer>,
+}
+
+/// A session, or none.
+#[derive(Clone, PartialEq, prost::Oneof)]
+pub enum HelloAnswer {
+    /// The name of the session.
+    #[prost(string, tag = "1")]
+    Session(String),
+    /// Why there is none.
+    #[prost(message, tag = "2")]
+    Refusal(Refusal),
+}
+
+/// Why something is not done.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct Refusal {
+    /// A stable code.
+    #[prost(string, tag = "1")]
+    pub code: String,
+    /// In English, for logs.
+    #[prost(string, tag = "2")]
+    pub reason: String,
+}
+
+/// A site is there.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct Beat {
+    /// As in [`Hello`].
+    #[prost(bytes = "vec", tag = "1")]
+    pub boot: Vec<u8>,
+    /// Which session it has.
+    #[prost(string, tag = "2")]
+    pub session: String,
+    /// Its own time since it started, in milliseconds.
+    #[prost(uint64, tag = "3")]
+    pub time_ms: u64,
+    /// As in [`Hello`].
+    #[prost(string, tag = "4")]
+    pub epoch: String,
+    /// As in [`Hello`].
+    #[prost(uint64, tag = "5")]
+    pub newest: u64,
+    /// Up to which number the centre has everything.
+    #[prost(uint64, tag = "6")]
+    pub delivered: u64,
+    /// As in [`Hello`].
+    #[prost(int64, tag = "7")]
+    pub clock_ms: i64,
+}
+
+/// Entries with consecutive numbers, the oldest first.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct DataBatch {
+    /// What they are numbered by.
+    #[prost(string, tag = "1")]
+    pub epoch: String,
+    /// The number of the first one.
+    #[prost(uint64, tag = "2")]
+    pub seq: u64,
+    /// What was before them, and was dropped.
+    #[prost(message, optional, tag = "3")]
+    pub dropped: Option<Dropped>,
+    /// The entries.
+    #[prost(message, repeated, tag = "4")]
+    pub entries: Vec<DataEntry>,
+}
+
+/// Entries that were dropped because nobody took them.
+#[derive(Clone, Copy, PartialEq, prost::Message)]
+pub struct Dropped {
+    /// How many.
+    #[prost(uint64, tag = "1")]
+    pub count: u64,
+    /// From when, in milliseconds since 1970.
+    #[prost(int64, optional, tag = "2")]
+    pub from_ms: Option<i64>,
+    /// Until when.
+    #[prost(int64, tag = "3")]
+    pub to_ms: i64,
+}
+
+/// A change, or a time in which changes may be missing.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct DataEntry {
+    /// Since when it is so, in milliseconds since 1970.
+    #[prost(int64, tag = "1")]
+    pub at_ms: i64,
+    /// What is so.
+    #[prost(oneof = "DataKind", tags = "2, 3")]
+    pub what: Option<DataKind>,
+}
+
+/// What an entry says.
+#[derive(Clone, PartialEq, prost::Oneof)]
+pub enum DataKind {
+    /// A point is so.
+    #[prost(message, tag = "2")]
+    Reading(PointReading),
+    /// Changes may be missing before this.
+    #[prost(message, tag = "3")]
+    Gap(DataGap),
+}
+
+/// Changes may be missing before this.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct DataGap {
+    /// Since when, in milliseconds since 1970.
+    #[prost(int64, optional, tag = "1")]
+    pub from_ms: Option<i64>,
+    /// `stopped`, `overrun` or `disk`.
+    #[prost(string, tag = "2")]
+    pub reason: String,
+}
+
+/// A point: its value, and how good it is.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct PointReading {
+    /// Module and label.
+    #[prost(string, tag = "1")]
+    pub path: String,
+    /// None where it is not known.
+    #[prost(oneof = "PointValue", tags = "2, 3, 4, 5")]
+    pub value: Option<PointValue>,
+    /// How good it is.
+    #[prost(enumeration = "ReadingQuality", tag = "6")]
+    pub quality: i32,
+    /// Why it is not good: a word of the API.
+    #[prost(string, tag = "7")]
+    pub reason: String,
+    /// When it was read, in milliseconds since 1970.
+    #[prost(int64, optional, tag = "8")]
+    pub read_ms: Option<i64>,
+}
+
+/// The value of a point.
+#[derive(Clone, PartialEq, prost::Oneof)]
+pub enum PointValue {
+    /// On, or off.
+    #[prost(bool, tag = "2")]
+    On(bool),
+    /// A whole number.
+    #[prost(sint64, tag = "3")]
+    Count(i64),
+    /// A number.
+    #[prost(double, tag = "4")]
+    Number(f64),
+    /// A text.
+    #[prost(string, tag = "5")]
+    Text(String),
+}
+
+/// How good a value is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, prost::Enumeration)]
+#[repr(i32)]
+pub enum ReadingQuality {
+    /// A newer site says something that is not known here.
+    Unspecified = 0,
+    /// Read, and not older than its limit.
+    Good = 1,
+    /// It was so.
+    Stale = 2,
+    /// Not known.
+    Bad = 3,
+}
+
+/// How every point of a site is after an entry.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct SiteState {
+    /// Of which session this is.
+    #[prost(string, tag = "1")]
+    pub session: String,
+    /// What entries are numbered by.
+    #[prost(string, tag = "2")]
+    pub epoch: String,
+    /// The number of the entry.
+    #[prost(uint64, tag = "3")]
+    pub seq: u64,
+    /// The points, each with the entry that is true of it.
+    #[prost(message, repeated, tag = "4")]
+    pub points: Vec<DataEntry>,
+}
+
+impl From<&DroppedEntries> for Dropped {
+    fn from(dropped: &DroppedEntries) -> Dropped {
+        Dropped {
+            count: dropped.count,
+            from_ms: dropped.from,
+            to_ms: dropped.to,
+        }
+    }
+}
+
+impl From<&OutboxEntry> for DataEntry {
+    fn from(entry: &OutboxEntry) -> DataEntry {
+        let what = match &entry.what {
+            EntryKind::Reading { .. } => reading(entry).map(DataKind::Reading),
+            EntryKind::Gap { from, reason } => Some(DataKind::Gap(DataGap {
+                from_ms: *from,
+                reason: reason.clone(),
+            })),
+        };
+        DataEntry {
+            at_ms: entry.at,
+            what,
+        }
+    }
+}
+
+/// The reading of an entry; none if it is a gap.
+fn reading(entry: &OutboxEntry) -> Option<PointReading> {
+    let EntryKind::Reading {
+        path,
+        value,
+        quality,
+        reason,
+        time,
+    } = &entry.what
+    else {
+        return None;
+    };
+    let quality = match quality.as_str() {
+        "good" => ReadingQuality::Good,
+        "stale" => ReadingQuality::Stale,
+        "bad" => ReadingQuality::Bad,
+        // One that an older program wrote.
+        _ => ReadingQuality::Unspecified,
+    };
+    Some(PointReading {
+        path: path.clone(),
+        value: value.as_deref().and_then(point_value),
+        quality: quality.into(),
+        reason: reason.clone().unwrap_or_default(),
+        read_ms: *time,
+    })
+}
+
+/// A value as the API has it in JSON.
+fn point_value(json: &str) -> Option<PointValue> {
+    match serde_json::from_str(json).ok()? {
+        serde_json::Value::Bool(on) => Some(PointValue::On(on)),
+        serde_json::Value::Number(number) => match number.as_i64() {
+            Some(count) => Some(PointValue::Count(count)),
+            None => number.as_f64().map(PointValue::Number),
+        },
+        serde_json::Value::String(text) => Some(PointValue::Text(text)),
+        _ => None,
+    }
+}
