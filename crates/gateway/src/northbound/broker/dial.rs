@@ -2,7 +2,7 @@
 //! apart from what the protocol says later.
 
 use super::settings::Broker;
-use railbus_api::problem::{Problem, codes};
+use railbus_api::problem::{Problem, ProblemType, codes};
 use rustls::crypto::ring;
 use rustls::pki_types::pem::{self, PemObject as _};
 use rustls::pki_types::{CertificateDer, PrivateKeyDer, ServerName};
@@ -61,7 +61,12 @@ impl Dial {
     /// One of the files can't be used.
     pub(crate) fn new(broker: &Broker) -> Result<Dial, Problem> {
         let tls = match broker.is_tls {
-            true => Some(trusting(broker)?),
+            true => {
+                let own = broker.own.as_ref();
+                let own = own.map(|(cert, key)| (cert.as_path(), key.as_path()));
+                let config = trusting(broker.ca.as_deref(), own, codes::BROKER_FILE)?;
+                Some(Arc::new(config))
+            }
             false => None,
         };
         Ok(Dial {
@@ -174,11 +179,19 @@ pub(crate) fn tls_reason(error: &(dyn Error + 'static)) -> Option<String> {
     None
 }
 
-fn trusting(broker: &Broker) -> Result<Arc<ClientConfig>, Problem> {
+/// TLS of a client that trusts the authorities of a file, or those of this machine if there is
+/// none, and shows a certificate of its own if it has one. `file` is the problem of one that can't
+/// be used.
+pub(crate) fn trusting(
+    ca: Option<&Path>,
+    own: Option<(&Path, &Path)>,
+    file: ProblemType,
+) -> Result<ClientConfig, Problem> {
+    let unusable = |path: &Path, why: String| unusable(file, path, why);
     let mut roots = RootCertStore::empty();
-    match &broker.ca {
+    match ca {
         Some(path) => {
-            for cert in certificates(path)? {
+            for cert in certificates(file, path)? {
                 let added = roots.add(cert);
                 added.map_err(|error| unusable(path, error.to_string()))?;
             }
@@ -193,10 +206,10 @@ fn trusting(broker: &Broker) -> Result<Arc<ClientConfig>, Problem> {
         .with_safe_default_protocol_versions()
         .map_err(|error| Problem::new(codes::INTERNAL).with("reason", error.to_string()))?
         .with_root_certificates(roots);
-    let config = match &broker.own {
+    Ok(match own {
         None => config.with_no_client_auth(),
         Some((cert, key)) => {
-            let chain = certificates(cert)?;
+            let chain = certificates(file, cert)?;
             let der = PrivateKeyDer::from_pem_file(key).map_err(|error| match error {
                 pem::Error::Io(error) => unusable(key, error.to_string()),
                 _ => unusable(key, "it holds no private key".to_owned()),
@@ -204,12 +217,12 @@ fn trusting(broker: &Broker) -> Result<Arc<ClientConfig>, Problem> {
             let config = config.with_client_auth_cert(chain, der);
             config.map_err(|error| unusable(cert, error.to_string()))?
         }
-    };
-    Ok(Arc::new(config))
+    })
 }
 
 /// The certificates of a file. Errors never contain what was read: it could be a key.
-fn certificates(path: &Path) -> Result<Vec<CertificateDer<'static>>, Problem> {
+fn certificates(file: ProblemType, path: &Path) -> Result<Vec<CertificateDer<'static>>, Problem> {
+    let unusable = |path: &Path, why: String| unusable(file, path, why);
     let found = CertificateDer::pem_file_iter(path);
     let found = found.map_err(|error| unusable(path, error.to_string()))?;
     let all: Result<Vec<_>, _> = found.collect();
@@ -220,8 +233,8 @@ fn certificates(path: &Path) -> Result<Vec<CertificateDer<'static>>, Problem> {
     }
 }
 
-fn unusable(path: &Path, why: String) -> Problem {
-    Problem::new(codes::BROKER_FILE)
+fn unusable(file: ProblemType, path: &Path, why: String) -> Problem {
+    Problem::new(file)
         .with("path", path.display().to_string())
         .with("reason", why)
 }
