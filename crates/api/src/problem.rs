@@ -266,6 +266,22 @@ pub mod codes {
         BROKER_LOGIN = "E0898", 502;
         /// Also `broker`, `reason`.
         BROKER_REFUSED = "E0899", 502;
+        /// Also `path`, `reason`.
+        FLEET_FILE = "E0160", 500;
+        /// Also `reason`.
+        FLEET_UNREACHED = "E0940", 502;
+        /// Also `reason`.
+        FLEET_TLS = "E0941", 502;
+        /// Also `reason`.
+        FLEET_LOGIN = "E0942", 502;
+        /// The centre does not answer.
+        FLEET_AWAY = "E0943", 503;
+        /// Also `reason`.
+        FLEET_TAKEN = "E0944", 409;
+        /// Also `reason`.
+        FLEET_NOT_STORED = "E0945", 503;
+        /// Also `reason`.
+        FLEET_ENDED = "E0946", 502;
         /// Also `reason`: its host ID.
         HOST_AWAY = "E0833", 503;
         /// Also `name`.

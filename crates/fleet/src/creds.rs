@@ -2,7 +2,9 @@
 
 use crate::claims::{self, Claims, SITE_DAYS};
 use crate::is_site_name;
+use data_encoding::BASE64URL_NOPAD;
 use nkeys::{KeyPair, KeyPairType};
+use serde_json::Value;
 
 const DAY: u64 = 86_400;
 
@@ -17,6 +19,8 @@ pub enum CredsError {
     Account,
     /// There is no key.
     Key,
+    /// These are no credentials of a site.
+    Claims,
 }
 
 impl std::fmt::Display for CredsError {
@@ -26,6 +30,7 @@ impl std::fmt::Display for CredsError {
             CredsError::Signing => "this is no seed of an account's key",
             CredsError::Account => "this is no public key of an account",
             CredsError::Key => "no key could be made",
+            CredsError::Claims => "these are no credentials of a site",
         })
     }
 }
@@ -68,6 +73,38 @@ pub fn site_creds(
     file(&token, &key).map_err(|_| CredsError::Key)
 }
 
+/// What the credentials of a site say.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SiteClaims {
+    /// The name of the site.
+    pub site: String,
+    /// Until when they are valid, in seconds since 1970; for ever if none.
+    pub expires: Option<u64>,
+}
+
+/// Reads what the file with the credentials of a site says. Nothing is checked: servers do that.
+///
+/// # Errors
+/// These are no credentials of a site.
+pub fn read_site_creds(text: &str) -> Result<SiteClaims, CredsError> {
+    let token = text.lines().find(|line| line.starts_with("ey"));
+    let body = token.and_then(|token| token.split('.').nth(1));
+    let body = body.and_then(|body| BASE64URL_NOPAD.decode(body.as_bytes()).ok());
+    let claims: Option<Value> = body.and_then(|body| serde_json::from_slice(&body).ok());
+    let claims = claims.ok_or(CredsError::Claims)?;
+    let site = claims
+        .get("name")
+        .and_then(Value::as_str)
+        .unwrap_or_default();
+    if !is_site_name(site) {
+        return Err(CredsError::Claims);
+    }
+    Ok(SiteClaims {
+        site: site.to_owned(),
+        expires: claims.get("exp").and_then(Value::as_u64),
+    })
+}
+
 /// The file with claims and their key.
 pub(crate) fn file(token: &str, key: &KeyPair) -> Result<String, nkeys::error::Error> {
     Ok(format!(
@@ -92,6 +129,18 @@ mod tests {
             "{creds}"
         );
         assert!(creds.contains("\nSU"), "{creds}");
+        let claims = read_site_creds(&creds).unwrap();
+        assert_eq!(claims.site, "plant7");
+        assert_eq!(claims.expires, Some(7 + SITE_DAYS * DAY));
+        for wrong in [
+            "",
+            "ey",
+            "ey.ey.ey",
+            "eyJ.e30.x",
+            &creds.replace("ey", "ez"),
+        ] {
+            assert_eq!(read_site_creds(wrong), Err(CredsError::Claims), "{wrong}");
+        }
         assert_eq!(made(&seed, &public, "a.b"), Err(CredsError::Name));
         assert_eq!(made(&public, &public, "a"), Err(CredsError::Signing));
         let user = KeyPair::new_user();

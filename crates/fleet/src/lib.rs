@@ -25,5 +25,6 @@ mod server_file;
 pub mod uplink;
 
 pub use claims::SITE_DAYS;
-pub use creds::{CredsError, site_creds};
+pub use creds::{CredsError, SiteClaims, read_site_creds, site_creds};
+pub use founding::NodeAddress;
 pub use names::{is_node_name, is_site_name};

@@ -41,12 +41,12 @@ pub enum HelloAnswer {
     Session(String),
     /// Why there is none.
     #[prost(message, tag = "2")]
-    Refusal(Refusal),
+    Refusal(FleetRefusal),
 }
 
 /// Why something is not done.
 #[derive(Clone, PartialEq, prost::Message)]
-pub struct Refusal {
+pub struct FleetRefusal {
     /// A stable code.
     #[prost(string, tag = "1")]
     pub code: String,
@@ -128,7 +128,7 @@ pub struct DataEntry {
 pub enum DataKind {
     /// A point is so.
     #[prost(message, tag = "2")]
-    Reading(PointReading),
+    Reading(UplinkReading),
     /// Changes may be missing before this.
     #[prost(message, tag = "3")]
     Gap(DataGap),
@@ -147,13 +147,13 @@ pub struct DataGap {
 
 /// A point: its value, and how good it is.
 #[derive(Clone, PartialEq, prost::Message)]
-pub struct PointReading {
+pub struct UplinkReading {
     /// Module and label.
     #[prost(string, tag = "1")]
     pub path: String,
     /// None where it is not known.
-    #[prost(oneof = "PointValue", tags = "2, 3, 4, 5")]
-    pub value: Option<PointValue>,
+    #[prost(oneof = "UplinkValue", tags = "2, 3, 4, 5")]
+    pub value: Option<UplinkValue>,
     /// How good it is.
     #[prost(enumeration = "ReadingQuality", tag = "6")]
     pub quality: i32,
@@ -167,7 +167,7 @@ pub struct PointReading {
 
 /// The value of a point.
 #[derive(Clone, PartialEq, prost::Oneof)]
-pub enum PointValue {
+pub enum UplinkValue {
     /// On, or off.
     #[prost(bool, tag = "2")]
     On(bool),
@@ -240,7 +240,7 @@ impl From<&OutboxEntry> for DataEntry {
 }
 
 /// The reading of an entry; none if it is a gap.
-fn reading(entry: &OutboxEntry) -> Option<PointReading> {
+fn reading(entry: &OutboxEntry) -> Option<UplinkReading> {
     let EntryKind::Reading {
         path,
         value,
@@ -258,7 +258,7 @@ fn reading(entry: &OutboxEntry) -> Option<PointReading> {
         // One that an older program wrote.
         _ => ReadingQuality::Unspecified,
     };
-    Some(PointReading {
+    Some(UplinkReading {
         path: path.clone(),
         value: value.as_deref().and_then(point_value),
         quality: quality.into(),
@@ -268,14 +268,14 @@ fn reading(entry: &OutboxEntry) -> Option<PointReading> {
 }
 
 /// A value as the API has it in JSON.
-fn point_value(json: &str) -> Option<PointValue> {
+fn point_value(json: &str) -> Option<UplinkValue> {
     match serde_json::from_str(json).ok()? {
-        serde_json::Value::Bool(on) => Some(PointValue::On(on)),
+        serde_json::Value::Bool(on) => Some(UplinkValue::On(on)),
         serde_json::Value::Number(number) => match number.as_i64() {
-            Some(count) => Some(PointValue::Count(count)),
-            None => number.as_f64().map(PointValue::Number),
+            Some(count) => Some(UplinkValue::Count(count)),
+            None => number.as_f64().map(UplinkValue::Number),
         },
-        serde_json::Value::String(text) => Some(PointValue::Text(text)),
+        serde_json::Value::String(text) => Some(UplinkValue::Text(text)),
         _ => None,
     }
 }

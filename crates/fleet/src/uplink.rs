@@ -83,14 +83,14 @@ pub enum UplinkInput<'i> {
 pub enum UplinkOutput {
     /// This is published.
     Publish(UpMessage),
-    /// From now on the centre asks at `rb.down.SITE.SESSION.*`.
-    Listen(String),
+    /// From now on the centre asks at these subjects, in the session of this name.
+    Listen(String, String),
     /// Entries are read, from after this number on.
     Read(u64),
     /// It is found out how every point is.
     FindState,
-    /// The centre's servers have everything up to this number.
-    Delivered(Arc<str>, u64),
+    /// The centre's servers have everything up to this number, so many more entries than before.
+    Delivered(Arc<str>, u64, u64),
     /// It works.
     Works,
     /// It does not, and is tried again after this time.
@@ -200,10 +200,19 @@ impl Uplink {
         }
     }
 
+    /// Its credentials are those of this site.
+    pub fn is_site(&mut self, site: String) {
+        self.own.site = site;
+    }
+
     /// Something happened, at this time since the start.
     pub fn handle(&mut self, now: Duration, input: UplinkInput<'_>) {
         match input {
-            UplinkInput::Connected => self.session = Session::Waits(now),
+            UplinkInput::Connected => {
+                if self.session == Session::Offline {
+                    self.session = Session::Waits(now);
+                }
+            }
             UplinkInput::Lost => {
                 self.session = Session::Offline;
                 self.begin_anew(None);
@@ -441,12 +450,13 @@ impl Uplink {
             newest = self.flying.pop_front().map(|flying| flying.last);
         }
         if let Some(newest) = newest {
+            let count = newest.saturating_sub(self.delivered);
             self.delivered = newest;
             self.refusals = 0;
             self.answer_by = (!self.flying.is_empty()).then_some(now + ANSWER_MAX);
             let epoch = Arc::clone(&self.head.epoch);
             self.outputs
-                .push_back(UplinkOutput::Delivered(epoch, newest));
+                .push_back(UplinkOutput::Delivered(epoch, newest, count));
             self.outputs.push_back(UplinkOutput::Works);
         }
     }
@@ -454,8 +464,9 @@ impl Uplink {
     fn welcome(&mut self, now: Duration, welcome: Welcome) {
         match welcome.answer {
             Some(HelloAnswer::Session(session)) if is_token(&session) => {
-                self.outputs
-                    .push_back(UplinkOutput::Listen(session.clone()));
+                let subjects = format!("rb.down.{}.{session}.*", self.own.site);
+                let listen = UplinkOutput::Listen(subjects, session.clone());
+                self.outputs.push_back(listen);
                 self.outputs.push_back(UplinkOutput::Works);
                 self.session = Session::Has(session);
                 (self.beat_at, self.state_at) = (None, None);

@@ -9,6 +9,8 @@
 mod broker;
 mod clients;
 mod command_end;
+#[cfg(feature = "fleet")]
+mod fleet;
 mod kind;
 mod modbus;
 mod modbus_line;
@@ -57,6 +59,8 @@ static NORTHBOUND: &[&OutletKind] = &[
     &sparkplug::KIND,
     #[cfg(feature = "opcua")]
     &opcua::KIND,
+    #[cfg(feature = "fleet")]
+    &fleet::KIND,
     #[cfg(test)]
     &textline::KIND,
 ];

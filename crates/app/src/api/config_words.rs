@@ -189,6 +189,10 @@ pub fn reason(lang: Lang, kind: &Invalid) -> String {
             "write the SHA-1 thumbprint of the certificate: 40 hexadecimal digits",
             "应写证书的 SHA-1 指纹：40 位十六进制数字",
         ]),
+        Invalid::BadServers => fixed([
+            "not the servers of a fleet: HOST or HOST:PORT is wanted",
+            "不是站群的服务器：应为 主机 或 主机:端口",
+        ]),
         Invalid::RolesOnly => fixed([
             "with TLS the role of a client says what it may switch: use \"roles\" instead",
             "使用 TLS 时，客户端的角色决定其可操作的输出：请改用 \"roles\"",

@@ -1,5 +1,5 @@
 use super::*;
-use crate::message::Refusal;
+use crate::message::FleetRefusal;
 use railbus_store::outbox::EntryKind;
 use std::collections::BTreeMap;
 
@@ -195,7 +195,7 @@ fn without_a_session_nothing_is_said() {
     assert_eq!(site.outputs(), []);
     site.now = site.uplink.deadline().unwrap();
     let hello = site.published();
-    let refusal = Refusal {
+    let refusal = FleetRefusal {
         code: "E0917".to_owned(),
         reason: "taken".to_owned(),
     };
@@ -230,7 +230,10 @@ fn with_a_session_it_says_that_it_is_there_how_all_is_and_what_changed() {
     let ends = site.outputs();
     assert_eq!(
         ends,
-        [UplinkOutput::Delivered("E0".into(), 3), UplinkOutput::Works]
+        [
+            UplinkOutput::Delivered("E0".into(), 3, 3),
+            UplinkOutput::Works
+        ]
     );
     assert_eq!(site.uplink.behind(), 0);
     // A change waits a second for others; a beat comes every 10 s.
@@ -340,7 +343,10 @@ fn a_state_that_is_too_long_is_told_and_not_sent() {
         1,
         "{found:?}"
     );
-    let is_state = |output: &UplinkOutput| matches!(output, UplinkOutput::Publish(message) if message.subject.ends_with("state"));
+    let is_state = |output: &UplinkOutput| match output {
+        UplinkOutput::Publish(message) => message.subject.ends_with("state"),
+        _ => false,
+    };
     assert!(!found.iter().any(is_state));
 }
 
@@ -410,7 +416,7 @@ fn play(seed: u64) {
                             sessions += 1;
                             let name = format!("s{sessions}");
                             let answer = match !is_calm && dice.roll(4) == 0 {
-                                true => HelloAnswer::Refusal(Refusal::default()),
+                                true => HelloAnswer::Refusal(FleetRefusal::default()),
                                 false => {
                                     session = Some(name.clone());
                                     HelloAnswer::Session(name)
@@ -455,7 +461,7 @@ fn play(seed: u64) {
                         }
                     }
                 }
-                UplinkOutput::Delivered(epoch, to) => {
+                UplinkOutput::Delivered(epoch, to, _) => {
                     assert_eq!(epoch, site.disk.epoch(), "{seed}");
                     assert!(to > site.disk.delivered, "{seed}: delivered twice");
                     for number in site.disk.delivered + 1..=to {

@@ -10,7 +10,7 @@ use super::outlet::{Outlet, Report};
 use railbus_api::problem::{Problem, codes};
 use railbus_site::{Follower, News};
 use railbus_store::history::millis;
-use railbus_store::outbox::{Outbox, OutboxError, OutboxKeep, Piece};
+use railbus_store::outbox::{Outbox, OutboxEntry, OutboxError, OutboxKeep, Piece};
 use recording::Recording;
 use std::path::{Path, PathBuf};
 use std::pin::Pin;
@@ -65,17 +65,23 @@ pub(super) struct OutboxSetup {
 /// The outlet's end of its outbox. When it is dropped, the thread writes what waits and ends.
 #[derive(Debug)]
 pub(super) struct OutboxHandle {
-    reads: mpsc::Sender<ReadOrder>,
+    orders: mpsc::Sender<OutboxOrder>,
     delivered: watch::Sender<(Arc<str>, u64)>,
     state: watch::Receiver<OutboxState>,
     ended: Option<oneshot::Receiver<()>>,
 }
 
+/// How every point is after the entry with this number, and whose number that is.
+pub(super) type StateAt = (Arc<str>, u64, Vec<OutboxEntry>);
+
 #[derive(Debug)]
-struct ReadOrder {
-    after: u64,
-    count: usize,
-    reply: oneshot::Sender<Option<(Arc<str>, Piece)>>,
+enum OutboxOrder {
+    Read {
+        after: u64,
+        count: usize,
+        reply: oneshot::Sender<Option<(Arc<str>, Piece)>>,
+    },
+    State(oneshot::Sender<Option<StateAt>>),
 }
 
 impl OutboxHandle {
@@ -84,7 +90,7 @@ impl OutboxHandle {
     /// # Errors
     /// The system's error if there can be no other thread.
     pub(super) fn start(setup: OutboxSetup) -> std::io::Result<OutboxHandle> {
-        let (reads, orders) = mpsc::channel(1);
+        let (sender, orders) = mpsc::channel(1);
         let (delivered, to_delete) = watch::channel((Arc::default(), 0));
         let (told, state) = watch::channel(OutboxState::default());
         let (end, ended) = oneshot::channel();
@@ -109,7 +115,7 @@ impl OutboxHandle {
             let _ = end.send(());
         })?;
         Ok(OutboxHandle {
-            reads,
+            orders: sender,
             delivered,
             state,
             ended: Some(ended),
@@ -133,16 +139,34 @@ impl OutboxHandle {
         count: usize,
     ) -> impl Future<Output = Option<(Arc<str>, Piece)>> + Send + use<> {
         // One that nobody waits for does not keep the thread from ending.
-        let reads = self.reads.downgrade();
+        let orders = self.orders.downgrade();
         async move {
             let (reply, piece) = oneshot::channel();
-            let order = ReadOrder {
+            let order = OutboxOrder::Read {
                 after,
                 count,
                 reply,
             };
-            reads.upgrade()?.send(order).await.ok()?;
+            orders.upgrade()?.send(order).await.ok()?;
             piece.await.ok().flatten()
+        }
+    }
+
+    /// How every point is after the newest entry; none if that can't be said now.
+    #[cfg_attr(
+        not(feature = "fleet"),
+        expect(dead_code, reason = "the other kinds follow the site themselves")
+    )]
+    pub(super) fn state(&self) -> impl Future<Output = Option<StateAt>> + Send + use<> {
+        let orders = self.orders.downgrade();
+        async move {
+            let (reply, state) = oneshot::channel();
+            orders
+                .upgrade()?
+                .send(OutboxOrder::State(reply))
+                .await
+                .ok()?;
+            state.await.ok().flatten()
         }
     }
 
@@ -232,7 +256,7 @@ impl Keeper {
     async fn run(
         mut self,
         mut site: Follower,
-        mut orders: mpsc::Receiver<ReadOrder>,
+        mut orders: mpsc::Receiver<OutboxOrder>,
         mut to_delete: watch::Receiver<(Arc<str>, u64)>,
     ) {
         let (mut write_at, mut delete_at) = (None, None);
@@ -250,7 +274,13 @@ impl Keeper {
                     None => break,
                 },
                 order = orders.recv() => match order {
-                    Some(order) => self.read(order),
+                    Some(OutboxOrder::Read { after, count, reply }) => {
+                        // Fails where the outlet waits no longer.
+                        let _ = reply.send(self.read(after, count));
+                    }
+                    Some(OutboxOrder::State(reply)) => {
+                        let _ = reply.send(self.state());
+                    }
                     // The outlet ends.
                     None => break,
                 },
@@ -336,12 +366,20 @@ impl Keeper {
         Ok(())
     }
 
-    fn read(&mut self, order: ReadOrder) {
+    /// What is told so far is written first, so that it has a number.
+    fn state(&mut self) -> Option<StateAt> {
+        self.write();
+        let told = self.told.borrow();
+        let is_written = !self.recording.is_waiting() && self.outbox.is_some();
+        is_written.then(|| (Arc::clone(&told.epoch), told.newest, self.recording.now()))
+    }
+
+    fn read(&mut self, after: u64, count: usize) -> Option<(Arc<str>, Piece)> {
         let read = self.outbox.as_ref().map(|outbox| {
-            let piece = outbox.read(order.after, order.count)?;
+            let piece = outbox.read(after, count)?;
             Ok(piece.map(|piece| (Arc::from(outbox.epoch()), piece)))
         });
-        let piece = match read.transpose() {
+        match read.transpose() {
             Ok(piece) => {
                 let piece = piece.flatten();
                 if let Some((_, piece)) = &piece {
@@ -354,9 +392,7 @@ impl Keeper {
                 self.ended(Err(why));
                 None
             }
-        };
-        // Fails where the outlet waits no longer.
-        let _ = order.reply.send(piece);
+        }
     }
 
     /// Where entries were dropped before these, the last one of a point may be among them: every

@@ -33,7 +33,19 @@ pub(crate) fn calm(text: &str) -> String {
             let before = at.checked_sub(1).and_then(|at| words.get(at));
             let is_online = words.iter().any(|word| matches!(*word, "online" | "在线"));
             let is_late = is_online && before.is_some_and(is_unit) && word.parse::<u8>().is_ok();
-            match measured || is_noise || is_port || is_late || is_moment(word) || is_gap(word) {
+            // The number of a process, in the log of a server.
+            let inside = word
+                .strip_prefix('[')
+                .and_then(|word| word.strip_suffix(']'));
+            let is_process = inside.is_some_and(|number| number.parse::<u32>().is_ok());
+            match is_process
+                || measured
+                || is_noise
+                || is_port
+                || is_late
+                || is_moment(word)
+                || is_gap(word)
+            {
                 true => "#",
                 false => *word,
             }

@@ -1,8 +1,8 @@
 //! The reader's shell: its own folder, the program in the path.
 //!
 //! Where a page has `/tmp/`, a reader's files are; here that is the folder, and [`ADDRESS`],
-//! [`MODBUS_PORT`], [`MQTT_PORT`] and [`OPCUA_PORT`] are replaced by free ports: pages tested at
-//! the same time do not collide.
+//! [`MODBUS_PORT`], [`MQTT_PORT`], [`OPCUA_PORT`] and [`FLEET_PORT`] are replaced by free ports:
+//! pages tested at the same time do not collide.
 
 use crate::websocket::Client;
 use std::io::{BufRead, BufReader};
@@ -22,6 +22,8 @@ const MODBUS_PORT: &str = "1502";
 /// Where the MQTT broker of a page listens.
 const MQTT_PORT: &str = "1883";
 const OPCUA_PORT: &str = "4840";
+/// Where the servers of a fleet listen.
+const FLEET_PORT: &str = "4222";
 
 pub(crate) struct Shell {
     folder: PathBuf,
@@ -30,6 +32,7 @@ pub(crate) struct Shell {
     modbus_port: String,
     mqtt_port: String,
     opcua_port: String,
+    fleet_port: String,
     background: Vec<Child>,
 }
 
@@ -57,6 +60,7 @@ impl Shell {
             modbus_port: free_port(count).to_string(),
             mqtt_port: free_port(count + 6_000).to_string(),
             opcua_port: free_port(count + 9_000).to_string(),
+            fleet_port: free_port(count + 3_000).to_string(),
             background: Vec::new(),
         }
     }
@@ -121,6 +125,7 @@ impl Shell {
         text.replace(MODBUS_PORT, &self.modbus_port)
             .replace(MQTT_PORT, &self.mqtt_port)
             .replace(OPCUA_PORT, &self.opcua_port)
+            .replace(FLEET_PORT, &self.fleet_port)
             .replace("/tmp/", &format!("{}/", self.folder.display()))
             .replace(ADDRESS, &self.address)
     }
@@ -138,6 +143,10 @@ impl Shell {
             .replace(
                 &format!("127.0.0.1:{}", self.opcua_port),
                 &format!("127.0.0.1:{OPCUA_PORT}"),
+            )
+            .replace(
+                &format!("127.0.0.1:{}", self.fleet_port),
+                &format!("127.0.0.1:{FLEET_PORT}"),
             );
         match self.address == ANY_PORT {
             true => text,

@@ -109,6 +109,8 @@ pub enum Invalid {
     BadRole,
     /// Not the thumbprint of a certificate.
     BadThumbprint,
+    /// These are not the servers of a fleet.
+    BadServers,
     /// Outputs for clients without a role, where clients have roles.
     RolesOnly,
     /// Another module on the same line has the same address in the same protocol.
@@ -157,6 +159,7 @@ impl Invalid {
             Invalid::Unguarded => "E0888",
             Invalid::BadRole | Invalid::RolesOnly => "E0889",
             Invalid::BadThumbprint => "E0834",
+            Invalid::BadServers => "E0835",
             Invalid::NotAnInput => "E0893",
         }
     }

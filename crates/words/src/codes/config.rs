@@ -201,6 +201,12 @@ codes! {
         next: ["copy it from the client, or: openssl x509 -noout -fingerprint -sha1 -in FILE",
             "从客户端复制，或执行 openssl x509 -noout -fingerprint -sha1 -in 文件"],
     }
+    ConfigServers = "E0835" {
+        title: ["not the servers of a fleet", "不是站群的服务器"],
+        likely: ["a host name or IPv4 address, with a port or without, is wanted · none is named",
+            "应为主机名或 IPv4 地址，可带端口 · 未填写"],
+        next: ["servers = [\"nats1\", \"nats2:4222\"]", "servers = [\"nats1\", \"nats2:4222\"]"],
+    }
     ExportNoOutlet = "E0838" {
         title: ["there is no integration that this export can use", "没有此导出可用的集成"],
         likely: ["none is configured, or it is off · a typing mistake · Modbus TCP with TLS",

@@ -17,6 +17,8 @@ pub(super) mod settings;
 
 pub(super) use alive::Alive;
 pub(super) use dial::Dial;
+#[cfg(feature = "fleet")]
+pub(super) use dial::{tls_reason, trusting};
 
 /// How many messages are with the broker, or on their way to it, at a time.
 pub(super) const WINDOW: usize = 64;

@@ -60,6 +60,11 @@ impl Recording {
         }
     }
 
+    /// How every point is.
+    pub(super) fn now(&self) -> Vec<OutboxEntry> {
+        self.now.values().cloned().collect()
+    }
+
     /// Whether something is to be written.
     pub(super) fn is_waiting(&self) -> bool {
         !self.waiting.is_empty() || self.gap.is_some()

@@ -66,7 +66,7 @@ async fn stored(outbox: &mut OutboxHandle, newest: u64) -> OutboxState {
 
 fn gaps(piece: &Piece) -> Vec<usize> {
     let is_gap = |(_, entry): &(usize, &_)| {
-        let entry: &railbus_store::outbox::OutboxEntry = entry;
+        let entry: &OutboxEntry = entry;
         matches!(entry.what, EntryKind::Gap { .. })
     };
     let entries = piece.entries.iter().enumerate().filter(is_gap);

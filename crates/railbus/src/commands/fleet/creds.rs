@@ -48,7 +48,9 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
     let creds = creds.map_err(|error| match error {
         CredsError::Name => Failure::new(Code::Usage, lang.get(FleetText::BadName).to_owned()),
         CredsError::Account => super::unusable(lang, &account_file, &error),
-        CredsError::Signing | CredsError::Key => super::unusable(lang, &signing_file, &error),
+        CredsError::Signing | CredsError::Key | CredsError::Claims => {
+            super::unusable(lang, &signing_file, &error)
+        }
     })?;
     create(lang, &file, &creds)?;
     let days = i64::try_from(SITE_DAYS).unwrap_or_default();

@@ -1,0 +1,131 @@
+//! A connection to the servers of a fleet.
+
+use super::settings::FleetAccess;
+use crate::access::secret::{hex, random};
+use crate::northbound::broker::{tls_reason, trusting};
+use crate::northbound::outlet::Outlet;
+use async_nats::{Client, ConnectErrorKind, ConnectOptions, Event, Subscriber};
+use railbus_api::problem::{Problem, codes};
+use railbus_fleet::{SiteClaims, read_site_creds};
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+use tokio::sync::mpsc;
+
+/// A server that does not answer within this time is left.
+const CONNECT_MAX: Duration = Duration::from_secs(10);
+/// How often it is asked whether a server is there; after three times without an answer it is not.
+const PING: Duration = Duration::from_secs(10);
+/// After a connection was lost, the next try comes at a random moment of this time, the first one
+/// and all others: where a server fails, thousands of sites try.
+const AGAIN: [Duration; 2] = [Duration::from_secs(20), Duration::from_secs(60)];
+/// How many events of the connection wait.
+const EVENTS_MAX: usize = 64;
+
+/// A connection, which the client renews by itself.
+pub(super) struct Connection {
+    pub(super) client: Client,
+    /// What happens to it. Ends with it.
+    pub(super) events: mpsc::Receiver<Event>,
+    /// Where answers come: this, a dot, and the number of the message.
+    pub(super) inbox: String,
+    /// What comes there.
+    pub(super) answers: Subscriber,
+}
+
+/// What the credentials say, and they themselves.
+///
+/// # Errors
+/// There are none.
+pub(super) fn credentials(path: &Path) -> Result<(SiteClaims, String), Problem> {
+    let unusable = |reason: &dyn ToString| {
+        Problem::new(codes::FLEET_FILE)
+            .with("path", path.display().to_string())
+            .with("reason", reason.to_string())
+    };
+    let text = std::fs::read_to_string(path).map_err(|error| unusable(&error))?;
+    let claims = read_site_creds(&text).map_err(|error| unusable(&error))?;
+    Ok((claims, text))
+}
+
+impl Connection {
+    /// Connects to one of the servers. Its files are read anew: credentials are renewed.
+    ///
+    /// # Errors
+    /// None of them can be reached, or they don't accept this site.
+    pub(super) async fn open(outlet: &Outlet) -> Result<(Connection, SiteClaims), Problem> {
+        let access = FleetAccess::of(&outlet.settings.borrow());
+        let (claims, creds) = credentials(&access.credentials)?;
+        let tls = trusting(access.ca.as_deref(), None, codes::FLEET_FILE)?;
+        let (events, happened) = mpsc::channel(EVENTS_MAX);
+        let is_open = Arc::new(AtomicBool::new(false));
+        let was_open = Arc::clone(&is_open);
+        let internal =
+            |error: &dyn ToString| Problem::new(codes::INTERNAL).with("reason", error.to_string());
+        let prefix = format!("_INBOX.{}", claims.site);
+        let options = ConnectOptions::with_credentials(&creds).map_err(|error| {
+            Problem::new(codes::FLEET_FILE)
+                .with("path", access.credentials.display().to_string())
+                .with("reason", error.to_string())
+        })?;
+        let options = options
+            .name(format!("railbus {}", claims.site))
+            .custom_inbox_prefix(&prefix)
+            .require_tls(true)
+            .tls_client_config(tls)
+            // Names are those of the certificates, not what servers say of each other.
+            .ignore_discovered_servers()
+            .connection_timeout(CONNECT_MAX)
+            .ping_interval(PING)
+            .read_buffer_capacity(2_048)
+            .reconnect_delay_callback(move |tries| match was_open.load(Ordering::Relaxed) {
+                true => delay(tries),
+                false => Duration::ZERO,
+            })
+            .event_callback(move |event| {
+                // One too many is of no importance: what it says shows anyway.
+                let _ = events.try_send(event);
+                std::future::ready(())
+            });
+        let servers: Vec<String> = access
+            .servers
+            .iter()
+            .map(|server| format!("tls://{server}"))
+            .collect();
+        let client = options.connect(servers).await.map_err(unreached)?;
+        is_open.store(true, Ordering::Relaxed);
+        let nonce = random::<8>().map_err(|error| internal(&error))?;
+        let inbox = format!("{prefix}.{}", hex(&nonce));
+        let answers = client.subscribe(format!("{inbox}.*")).await;
+        let answers = answers.map_err(|error| internal(&error))?;
+        let connection = Connection {
+            client,
+            events: happened,
+            inbox,
+            answers,
+        };
+        Ok((connection, claims))
+    }
+}
+
+/// How long to wait before this try.
+fn delay(tries: usize) -> Duration {
+    let longest = if tries <= 1 { AGAIN[0] } else { AGAIN[1] };
+    let share = random::<2>().map_or(u16::MAX / 2, u16::from_le_bytes);
+    longest.mul_f64(f64::from(share) / f64::from(u16::MAX))
+}
+
+/// Why there is no connection.
+fn unreached(error: async_nats::ConnectError) -> Problem {
+    let code = match error.kind() {
+        ConnectErrorKind::Authentication | ConnectErrorKind::AuthorizationViolation => {
+            codes::FLEET_LOGIN
+        }
+        ConnectErrorKind::Tls => codes::FLEET_TLS,
+        _ if tls_reason(&error).is_some() => codes::FLEET_TLS,
+        _ => codes::FLEET_UNREACHED,
+    };
+    let reason = tls_reason(&error).unwrap_or_else(|| error.to_string());
+    Problem::new(code).with("reason", reason)
+}

@@ -1,0 +1,84 @@
+//! A fleet: the site is one of many behind a centre, over NATS. Every change goes there in its
+//! order, also those of an outage.
+//!
+//! - Its settings: `settings`. How servers are reached: `connection`. What drives it: `driver`.
+//! - What is said and when is decided by [`railbus_fleet::uplink`], which has no I/O.
+
+mod connection;
+mod driver;
+mod settings;
+
+use super::kind::{Field, OutletKind, Pair, Shape};
+
+/// The way to the centre of a fleet.
+pub(super) static KIND: OutletKind = OutletKind {
+    notes: NOTES,
+    check: settings::check,
+    ..OutletKind::new(
+        "fleet",
+        WORDS,
+        FIELDS,
+        |outlet, _| Box::pin(driver::run(outlet)),
+        |outlet| Box::pin(driver::test(outlet)),
+    )
+};
+
+const WORDS: (Pair, Pair) = (
+    ["Fleet", "站群"],
+    [
+        "Reports to the centre of a fleet of sites, over NATS servers. Every change is kept on the \
+         disk until the servers have it.",
+        "通过 NATS 服务器向站群中心上报。每次变化先存盘，服务器确认后才删除。",
+    ],
+);
+
+const NOTES: &[Pair] = &[
+    [
+        "The name of the site is in its credentials, and the servers let it say nothing for \
+         another site. It connects to them; nothing connects to this machine.",
+        "站点名称写在凭据中，服务器不允许它以其他站点的名义发送任何内容。连接由本机发起，无需开放端口。",
+    ],
+    [
+        "Of two machines with the same credentials the centre hears only one.",
+        "两台机器使用同一凭据时，中心只接收其中一台。",
+    ],
+];
+
+/// The longest path of a file.
+const PATH_MAX: usize = 1_024;
+
+const FIELDS: &[Field] = &[
+    Field::new("servers", ["Servers", "服务器"], Shape::Texts)
+        .with_hint([
+            "HOST or HOST:PORT each, as railbus fleet init had them",
+            "每项为 主机 或 主机:端口，与 railbus fleet init 时一致",
+        ])
+        .required(),
+    Field::new(
+        "credentials",
+        ["Credentials", "凭据"],
+        Shape::Text(PATH_MAX),
+    )
+    .with_hint([
+        "File on this machine, made by railbus fleet creds",
+        "本机上的文件，由 railbus fleet creds 生成",
+    ])
+    .required(),
+    Field::new(
+        "ca",
+        ["Authority of the servers", "服务器的 CA 证书"],
+        Shape::Text(PATH_MAX),
+    )
+    .with_hint([
+        "File ca.pem of the fleet on this machine; the authorities of this machine if left empty",
+        "本机上该站群的 ca.pem 文件；留空则使用本机信任的 CA",
+    ]),
+    Field::new(
+        "replay_days",
+        [
+            "Keep changes while the servers are away (days)",
+            "断线续传：变化保留天数",
+        ],
+        Shape::Number(1, 90, 7),
+    ),
+];
