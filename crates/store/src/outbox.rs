@@ -98,13 +98,15 @@ pub struct DroppedEntries {
     pub to: i64,
 }
 
-/// How much is kept for a receiver that does not come.
+/// How much is kept for a receiver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OutboxKeep {
     /// For this long, in milliseconds.
     pub age_ms: i64,
     /// In this many bytes.
     pub bytes: u64,
+    /// Also what is delivered, for a receiver that may ask for it again ([`Outbox::read_again`]).
+    pub is_for_again: bool,
 }
 
 /// A file with entries. It has one owner.
@@ -178,10 +180,13 @@ impl Outbox {
                 epoch
             }
         };
-        // Names that nothing has any more.
+        // Names that nothing has any more. What is delivered may be kept, so that there is always
+        // an entry: then they are looked up once they are many.
         db.execute(
-            "DELETE FROM paths WHERE NOT EXISTS (SELECT 1 FROM entries)",
-            [],
+            "DELETE FROM paths WHERE NOT EXISTS (SELECT 1 FROM entries)
+             OR ((SELECT count(*) FROM paths) > ?1
+                 AND id NOT IN (SELECT path FROM entries WHERE path IS NOT NULL))",
+            [PATHS_MAX as i64],
         )?;
         Ok(Outbox {
             db,
@@ -297,22 +302,7 @@ impl Outbox {
     pub fn read(&self, after: u64, count: usize) -> Result<Option<Piece>, OutboxError> {
         let taken = self.last_taken()?;
         let after = after.max(taken.seq);
-        let mut find = self.db.prepare_cached(
-            "SELECT seq, at, path, value, quality, reason, time,
-                (SELECT path FROM paths WHERE id = entries.path)
-             FROM entries WHERE seq > ?1 ORDER BY seq LIMIT ?2",
-        )?;
-        let mut rows = find.query(params![signed(after), signed(count as u64)])?;
-        let mut piece = Piece::default();
-        while let Some(row) = rows.next()? {
-            let seq = number(row.get(0)?);
-            if piece.entries.is_empty() {
-                piece.first = seq;
-            } else if seq != piece.first + piece.entries.len() as u64 {
-                break;
-            }
-            piece.entries.push(entry(row)?);
-        }
+        let mut piece = self.row(after, u64::MAX, count)?;
         let Some(oldest) = piece.entries.first() else {
             return Ok(None);
         };
@@ -331,11 +321,49 @@ impl Outbox {
         Ok(Some(piece))
     }
 
-    /// The receiver has everything up to this number; it is deleted.
+    /// The oldest entries of those from one number to another, delivered or not, so many of them at
+    /// most; none if there are none. They are those that are there in a row: [`Piece::first`] is
+    /// higher where the first ones are there no longer.
     ///
     /// # Errors
     /// [`OutboxError`].
-    pub fn delivered(&mut self, to: u64) -> Result<(), OutboxError> {
+    pub fn read_again(
+        &self,
+        (first, last): (u64, u64),
+        count: usize,
+    ) -> Result<Option<Piece>, OutboxError> {
+        let piece = self.row(first.saturating_sub(1), last, count)?;
+        Ok((!piece.entries.is_empty()).then_some(piece))
+    }
+
+    /// Entries in a row after one number and up to another, so many at most.
+    fn row(&self, after: u64, last: u64, count: usize) -> Result<Piece, OutboxError> {
+        let mut find = self.db.prepare_cached(
+            "SELECT seq, at, path, value, quality, reason, time,
+                (SELECT path FROM paths WHERE id = entries.path)
+             FROM entries WHERE seq > ?1 AND seq <= ?2 ORDER BY seq LIMIT ?3",
+        )?;
+        let limits = params![signed(after), signed(last), signed(count as u64)];
+        let mut rows = find.query(limits)?;
+        let mut piece = Piece::default();
+        while let Some(row) = rows.next()? {
+            let seq = number(row.get(0)?);
+            if piece.entries.is_empty() {
+                piece.first = seq;
+            } else if seq != piece.first + piece.entries.len() as u64 {
+                break;
+            }
+            piece.entries.push(entry(row)?);
+        }
+        Ok(piece)
+    }
+
+    /// The receiver has everything up to this number. It is deleted, unless it is kept for a
+    /// receiver that may ask for it again.
+    ///
+    /// # Errors
+    /// [`OutboxError`].
+    pub fn delivered(&mut self, to: u64, is_kept: bool) -> Result<(), OutboxError> {
         let to = signed(to);
         let step = self.db.transaction()?;
         step.prepare_cached(
@@ -344,14 +372,16 @@ impl Outbox {
              taken = max(taken, ?1)",
         )?
         .execute([to])?;
-        step.prepare_cached("DELETE FROM entries WHERE seq <= ?1")?
-            .execute([to])?;
+        if !is_kept {
+            step.prepare_cached("DELETE FROM entries WHERE seq <= ?1")?
+                .execute([to])?;
+        }
         Ok(step.commit()?)
     }
 
-    /// Drops the oldest of what is too old or too much, undelivered: [`Piece::missing`] tells that.
-    /// The newest entry stays, as there would be nothing to tell it with.
-    /// How many were dropped, and whether there is more to drop.
+    /// Drops the oldest of what is too old or too much: [`Piece::missing`] tells of what was not
+    /// delivered. The newest entry stays, as there would be nothing to tell it with.
+    /// How many were dropped undelivered, and whether there is more to drop.
     ///
     /// # Errors
     /// [`OutboxError`].
@@ -375,14 +405,21 @@ impl Outbox {
         if drop == 0 {
             return Ok((0, false));
         }
+        let taken = signed(self.last_taken()?.seq);
         let step = self.db.transaction()?;
+        let lost: i64 = step.query_row(
+            "SELECT count(*) FROM (SELECT seq FROM entries ORDER BY seq LIMIT ?1)
+             WHERE seq > ?2 AND seq < (SELECT max(seq) FROM entries)",
+            [drop, taken],
+            |row| row.get(0),
+        )?;
         let dropped = step.execute(
             "DELETE FROM entries WHERE seq IN (SELECT seq FROM entries ORDER BY seq LIMIT ?1)
              AND seq < (SELECT max(seq) FROM entries)",
             [drop],
         )?;
         step.commit()?;
-        Ok((dropped as u64, drop == ROWS_MAX && dropped > 0))
+        Ok((number(lost), drop == ROWS_MAX && dropped > 0))
     }
 
     /// Gives free pages back to the system, and begins the log of the database anew.

@@ -82,7 +82,7 @@ fn what_goes_in_comes_out_in_its_order_and_stays_until_it_is_delivered() {
     assert_eq!((numbers(&rest), &rest.entries[..]), (4..5, &all[3..]));
     assert_eq!(outbox.read(4, 3), Ok(None));
 
-    outbox.delivered(2).unwrap();
+    outbox.delivered(2, false).unwrap();
     let left = outbox.read(0, 10).unwrap().unwrap();
     assert_eq!((numbers(&left), left.missing), (3..5, None));
     assert_eq!(outbox.known_until(), Ok(Some(4)));
@@ -94,7 +94,7 @@ fn no_number_is_used_twice() {
     let mut outbox = place.open();
     let epoch = outbox.epoch().to_owned();
     outbox.append(&readings(1, 5)).unwrap();
-    outbox.delivered(5).unwrap();
+    outbox.delivered(5, false).unwrap();
     drop(outbox);
     let mut outbox = place.open();
     assert_eq!((outbox.epoch(), outbox.newest()), (&*epoch, Ok(5)));
@@ -110,7 +110,7 @@ fn no_number_is_used_twice() {
     outbox.known(30).unwrap();
     assert_eq!(outbox.known_until(), Ok(Some(30)));
     // What was told before does not take anything back.
-    outbox.delivered(2).unwrap();
+    outbox.delivered(2, false).unwrap();
     assert_eq!(outbox.read(0, 10).unwrap(), Some(piece));
 }
 
@@ -130,10 +130,11 @@ fn what_is_dropped_is_told() {
     let place = Place::new();
     let mut outbox = place.open();
     outbox.append(&readings(1_000, 10)).unwrap();
-    outbox.delivered(3).unwrap();
+    outbox.delivered(3, false).unwrap();
     let keep = |age_ms| OutboxKeep {
         age_ms,
         bytes: u64::MAX,
+        is_for_again: false,
     };
     assert_eq!(outbox.prune(keep(500), 1_500), Ok((0, false)));
     assert_eq!(outbox.prune(keep(500), 1_506), Ok((3, false)));
@@ -156,7 +157,7 @@ fn what_is_dropped_is_told() {
         (numbers(&piece), piece.missing),
         (10..11, missing(1, 1_002, 1_009))
     );
-    outbox.delivered(10).unwrap();
+    outbox.delivered(10, false).unwrap();
     assert_eq!(outbox.prune(keep(0), 9_999), Ok((0, false)));
     assert_eq!(outbox.append(&readings(2_000, 1)), Ok(11));
     assert_eq!(outbox.read(0, 2).unwrap().unwrap().missing, None);
@@ -171,6 +172,7 @@ fn it_does_not_outgrow_its_bytes() {
     let keep = OutboxKeep {
         age_ms: i64::MAX,
         bytes: bytes / 2,
+        is_for_again: false,
     };
     assert_eq!(outbox.prune(keep, 60_000), Ok((20_000, true)));
     assert_eq!(outbox.prune(keep, 60_000), Ok((20_000, true)));
@@ -276,6 +278,7 @@ fn what_was_dropped_is_told_although_nothing_came_after_it() {
     let keep = OutboxKeep {
         age_ms: 500,
         bytes: u64::MAX,
+        is_for_again: false,
     };
     assert_eq!(outbox.prune(keep, 1_000_000), Ok((9, false)));
     assert_eq!(outbox.prune(keep, 1_000_000), Ok((0, false)));
@@ -293,6 +296,45 @@ fn entries_of_a_clock_that_was_wrong_drop_no_good_ones() {
     let keep = OutboxKeep {
         age_ms: 500,
         bytes: u64::MAX,
+        is_for_again: false,
     };
     assert_eq!(outbox.prune(keep, 1_000_200), Ok((0, false)));
+}
+
+#[test]
+fn what_is_delivered_can_be_read_again_while_it_is_kept() {
+    let place = Place::new();
+    let mut outbox = place.open();
+    outbox.append(&readings(1, 10)).unwrap();
+    outbox.delivered(8, true).unwrap();
+    // Whoever reads on gets what is new.
+    let piece = outbox.read(0, 10).unwrap().unwrap();
+    assert_eq!((numbers(&piece), piece.missing), (9..11, None));
+    let again = |outbox: &Outbox, span, count| {
+        let piece = outbox.read_again(span, count).unwrap();
+        piece.map(|piece| (numbers(&piece), piece.entries[0].at))
+    };
+    assert_eq!(again(&outbox, (3, 9), 4), Some((3..7, 3)));
+    assert_eq!(again(&outbox, (3, 5), 100), Some((3..6, 3)));
+    assert_eq!(again(&outbox, (11, 20), 100), None);
+    assert_eq!(again(&outbox, (5, 4), 100), None);
+    // The oldest are too old; of those nothing was lost that was not delivered.
+    let keep = OutboxKeep {
+        age_ms: 10,
+        bytes: u64::MAX,
+        is_for_again: true,
+    };
+    assert_eq!(outbox.prune(keep, 15), Ok((0, false)));
+    assert_eq!(again(&outbox, (1, 10), 100), Some((5..11, 5)));
+    assert_eq!(
+        outbox.prune(keep, 20),
+        Ok((1, false)),
+        "9 was not delivered"
+    );
+    let piece = outbox.read(8, 10).unwrap().unwrap();
+    assert_eq!(numbers(&piece), 10..11);
+    assert_eq!(piece.missing.map(|missing| missing.count), Some(1));
+    drop(outbox);
+    let outbox = place.open();
+    assert_eq!(again(&outbox, (1, 10), 100), Some((10..11, 10)));
 }
