@@ -49,6 +49,8 @@ pub(super) struct OutboxState {
     pub(super) before: u64,
     /// Up to which number the receiver had everything when it was opened.
     pub(super) delivered: u64,
+    /// Changes can't be written since then.
+    pub(super) is_failing: bool,
 }
 
 /// What an outbox is for.
@@ -56,6 +58,8 @@ pub(super) struct OutboxSetup {
     pub(super) file: PathBuf,
     /// How many days a change is kept for the receiver.
     pub(super) days: i64,
+    /// Also one that it has, since it may ask for it again.
+    pub(super) is_for_again: bool,
     /// Whether the outlet tells of a module.
     pub(super) has: Box<dyn Fn(&str) -> bool + Send>,
     pub(super) site: Follower,
@@ -78,6 +82,11 @@ pub(super) type StateAt = (Arc<str>, u64, Vec<OutboxEntry>);
 enum OutboxOrder {
     Read {
         after: u64,
+        count: usize,
+        reply: oneshot::Sender<Option<(Arc<str>, Piece)>>,
+    },
+    ReadAgain {
+        span: (u64, u64),
         count: usize,
         reply: oneshot::Sender<Option<(Arc<str>, Piece)>>,
     },
@@ -104,6 +113,7 @@ impl OutboxHandle {
                 keep: OutboxKeep {
                     age_ms: setup.days.saturating_mul(DAY_MS),
                     bytes: BYTES_MAX,
+                    is_for_again: setup.is_for_again,
                 },
                 told,
                 report: setup.report,
@@ -124,11 +134,16 @@ impl OutboxHandle {
 
     /// Waits until there is something new. Can be dropped.
     pub(super) async fn changed(&mut self) -> OutboxState {
-        if self.state.changed().await.is_err() {
-            // The site has gone, or the thread has broken down.
-            std::future::pending::<()>().await;
+        match self.news().await {
+            Some(state) => state,
+            None => std::future::pending().await,
         }
-        self.state.borrow_and_update().clone()
+    }
+
+    /// The same; none once the site has gone, or the thread has broken down.
+    pub(super) async fn news(&mut self) -> Option<OutboxState> {
+        self.state.changed().await.ok()?;
+        Some(self.state.borrow_and_update().clone())
     }
 
     /// Reads the oldest entries after this number, so many at most, and whose numbers they are;
@@ -147,6 +162,27 @@ impl OutboxHandle {
                 count,
                 reply,
             };
+            orders.upgrade()?.send(order).await.ok()?;
+            piece.await.ok().flatten()
+        }
+    }
+
+    /// Reads the oldest entries of these numbers, so many at most, also of those that are
+    /// delivered, and whose numbers they are; a piece without entries if there are none, and none
+    /// if they can't be read now.
+    #[cfg_attr(
+        not(feature = "fleet"),
+        expect(dead_code, reason = "nobody else asks for what he has")
+    )]
+    pub(super) fn read_again(
+        &self,
+        span: (u64, u64),
+        count: usize,
+    ) -> impl Future<Output = Option<(Arc<str>, Piece)>> + Send + use<> {
+        let orders = self.orders.downgrade();
+        async move {
+            let (reply, piece) = oneshot::channel();
+            let order = OutboxOrder::ReadAgain { span, count, reply };
             orders.upgrade()?.send(order).await.ok()?;
             piece.await.ok().flatten()
         }
@@ -188,8 +224,8 @@ impl OutboxHandle {
 /// A piece of the outbox that is being read, and whose numbers it has.
 pub(super) type Reading = Pin<Box<dyn Future<Output = Option<(Arc<str>, Piece)>>>>;
 
-/// The outbox of an outlet that keeps changes of these modules for so many days; none if it keeps
-/// none, and then nothing is left of an earlier one.
+/// The outbox of an outlet that keeps changes of these modules for so many days until they are
+/// delivered; none if it keeps none, and then nothing is left of an earlier one.
 ///
 /// # Errors
 /// There can be no other thread.
@@ -205,13 +241,34 @@ pub(super) fn start(
     let setup = OutboxSetup {
         file: outlet.outbox_file(),
         days,
+        is_for_again: false,
         has: Box::new(has),
         site: outlet.service.follow(),
         report: outlet.report.clone(),
     };
+    started(setup).map(Some)
+}
+
+/// The outbox of an outlet whose receiver may ask again for any change of so many days.
+///
+/// # Errors
+/// There can be no other thread.
+#[cfg(feature = "fleet")]
+pub(super) fn start_for_again(outlet: &Outlet, days: i64) -> Result<OutboxHandle, Problem> {
+    started(OutboxSetup {
+        file: outlet.outbox_file(),
+        days,
+        is_for_again: true,
+        has: Box::new(|_| true),
+        site: outlet.service.follow(),
+        report: outlet.report.clone(),
+    })
+}
+
+fn started(setup: OutboxSetup) -> Result<OutboxHandle, Problem> {
     let broken =
         |error: std::io::Error| Problem::new(codes::INTERNAL).with("reason", error.to_string());
-    OutboxHandle::start(setup).map(Some).map_err(broken)
+    OutboxHandle::start(setup).map_err(broken)
 }
 
 /// How the outbox is, once something is new. Can be dropped.
@@ -278,6 +335,9 @@ impl Keeper {
                         // Fails where the outlet waits no longer.
                         let _ = reply.send(self.read(after, count));
                     }
+                    Some(OutboxOrder::ReadAgain { span, count, reply }) => {
+                        let _ = reply.send(self.read_again(span, count));
+                    }
                     Some(OutboxOrder::State(reply)) => {
                         let _ = reply.send(self.state());
                     }
@@ -323,10 +383,12 @@ impl Keeper {
     }
 
     /// Writes what waits. What the disk does not take is tried again; what is too much by then is
-    /// a gap, and after it everything is told anew.
-    fn write(&mut self) {
+    /// a gap, and after it everything is told anew. Whether all is written.
+    fn write(&mut self) -> bool {
         let end = self.try_write();
+        let is_written = end.is_ok();
         self.ended(end.map(|()| true));
+        is_written
     }
 
     fn try_write(&mut self) -> Result<(), OutboxError> {
@@ -357,6 +419,7 @@ impl Keeper {
             newest,
             before,
             delivered,
+            is_failing: false,
         };
         self.told.send_if_modified(|told| {
             let is_new = *told != now;
@@ -368,10 +431,22 @@ impl Keeper {
 
     /// What is told so far is written first, so that it has a number.
     fn state(&mut self) -> Option<StateAt> {
-        self.write();
+        let is_written = self.write();
         let told = self.told.borrow();
-        let is_written = !self.recording.is_waiting() && self.outbox.is_some();
-        is_written.then(|| (Arc::clone(&told.epoch), told.newest, self.recording.now()))
+        let is_known = self.recording.is_known() && !self.recording.is_waiting();
+        (is_written && is_known)
+            .then(|| (Arc::clone(&told.epoch), told.newest, self.recording.now()))
+    }
+
+    fn read_again(&mut self, span: (u64, u64), count: usize) -> Option<(Arc<str>, Piece)> {
+        let outbox = self.outbox.as_ref()?;
+        match outbox.read_again(span, count) {
+            Ok(piece) => Some((Arc::from(outbox.epoch()), piece.unwrap_or_default())),
+            Err(why) => {
+                self.ended(Err(why));
+                None
+            }
+        }
     }
 
     fn read(&mut self, after: u64, count: usize) -> Option<(Arc<str>, Piece)> {
@@ -410,7 +485,7 @@ impl Keeper {
         };
         // Numbers of another epoch are those of other entries.
         if **epoch == *outbox.epoch() {
-            let end = outbox.delivered(*newest);
+            let end = outbox.delivered(*newest, self.keep.is_for_again);
             self.ended(end.map(|()| false));
         }
     }
@@ -466,6 +541,8 @@ impl Keeper {
             }
             Err(why) => {
                 self.failures = self.failures.saturating_add(1);
+                self.told
+                    .send_if_modified(|told| !std::mem::replace(&mut told.is_failing, true));
                 if why.is_broken {
                     // The next write begins another one.
                     self.outbox = None;

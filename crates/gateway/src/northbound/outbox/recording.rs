@@ -46,6 +46,8 @@ pub(super) struct Recording {
     written: Option<i64>,
     /// Nothing is known yet of what the file has.
     is_new: bool,
+    /// There was a picture of all points.
+    is_known: bool,
 }
 
 impl Recording {
@@ -57,10 +59,16 @@ impl Recording {
             gap: Some(GapReason::Stopped),
             written: None,
             is_new: true,
+            is_known: false,
         }
     }
 
-    /// How every point is.
+    /// Whether it is known how every point is.
+    pub(super) const fn is_known(&self) -> bool {
+        self.is_known
+    }
+
+    /// How every point is, as far as it is known.
     pub(super) fn now(&self) -> Vec<OutboxEntry> {
         self.now.values().cloned().collect()
     }
@@ -87,6 +95,7 @@ impl Recording {
 
     /// How everything is, after so many changes that are not known.
     pub(super) fn picture(&mut self, picture: &Picture, missed: u64) {
+        self.is_known = true;
         if missed > 0 {
             self.anew(GapReason::Overrun);
         }

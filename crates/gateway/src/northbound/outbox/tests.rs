@@ -28,6 +28,14 @@ impl Folder {
     }
 
     fn start(&self, site: &Service) -> (OutboxHandle, Report) {
+        self.start_with(site, false)
+    }
+
+    fn start_for_again(&self, site: &Service) -> (OutboxHandle, Report) {
+        self.start_with(site, true)
+    }
+
+    fn start_with(&self, site: &Service, is_for_again: bool) -> (OutboxHandle, Report) {
         let report = Report {
             run: RunId(1),
             counts: Arc::default(),
@@ -36,6 +44,7 @@ impl Folder {
         let setup = OutboxSetup {
             file: self.0.join("plant.outbox.db"),
             days: 1,
+            is_for_again,
             has: Box::new(|_| true),
             site: site.follow(),
             report: report.clone(),
@@ -111,6 +120,51 @@ async fn what_is_not_delivered_is_there_after_a_restart_and_then_a_gap() {
 }
 
 #[tokio::test]
+async fn how_all_is_is_said_with_the_entry_after_which_it_is_so() {
+    let folder = Folder::new();
+    let site = Service::start(Config::parse(OVEN).unwrap()).unwrap();
+    let (mut outbox, _) = folder.start(&site);
+    let state = stored(&mut outbox, 8).await;
+    let (epoch, newest, points) = outbox.state().await.unwrap();
+    assert_eq!((&epoch, newest, points.len()), (&state.epoch, 8, 8));
+    let (_, piece) = outbox.read(0, 100).await.unwrap();
+    assert_eq!(piece.entries, points, "each point has had one entry");
+    // What is new is written first.
+    site.reload(&format!("{OVEN}{PUMP}")).await.unwrap();
+    let all = async {
+        loop {
+            let (_, newest, points) = outbox.state().await.unwrap();
+            if points.len() == 16 {
+                return newest;
+            }
+        }
+    };
+    let newest = tokio::time::timeout(PATIENCE, all).await.unwrap();
+    assert_eq!(newest, 16);
+    outbox.end(PATIENCE).await;
+}
+
+#[tokio::test]
+async fn what_is_delivered_can_be_asked_for_again() {
+    let folder = Folder::new();
+    let site = Service::start(Config::parse(OVEN).unwrap()).unwrap();
+    let (mut outbox, _) = folder.start_for_again(&site);
+    let state = stored(&mut outbox, 8).await;
+    outbox.delivered(&state.epoch, 8);
+    outbox.end(PATIENCE).await;
+    let (mut outbox, _) = folder.start_for_again(&site);
+    assert_eq!(stored(&mut outbox, 9).await.delivered, 8);
+    let (epoch, piece) = outbox.read_again((2, 4), 100).await.unwrap();
+    assert_eq!(
+        (epoch, piece.first, piece.entries.len()),
+        (state.epoch, 2, 3)
+    );
+    let (_, none) = outbox.read_again((900, 901), 100).await.unwrap();
+    assert!(none.entries.is_empty());
+    outbox.end(PATIENCE).await;
+}
+
+#[tokio::test]
 async fn a_disk_that_fails_is_tried_again() {
     let folder = Folder::new();
     // No folder can be there.
@@ -118,10 +172,14 @@ async fn a_disk_that_fails_is_tried_again() {
     let site = Service::start(Config::parse(OVEN).unwrap()).unwrap();
     let (mut outbox, _) = folder.start(&site);
     assert_eq!(outbox.read(0, 5).await, None);
-    let waits = tokio::time::timeout(2 * FLUSH, outbox.changed()).await;
-    assert!(waits.is_err(), "{waits:?}");
+    let state = tokio::time::timeout(PATIENCE, outbox.changed())
+        .await
+        .unwrap();
+    assert_eq!((state.is_failing, state.newest), (true, 0));
+    assert_eq!(outbox.state().await, None, "of no number");
     std::fs::remove_file(&folder.0).unwrap();
-    assert_eq!(stored(&mut outbox, 8).await.newest, 8);
+    let state = stored(&mut outbox, 8).await;
+    assert_eq!((state.is_failing, state.newest), (false, 8));
     outbox.end(PATIENCE).await;
 }
 
@@ -189,6 +247,7 @@ async fn after_what_was_dropped_every_point_is_told_once_more() {
     let keep = OutboxKeep {
         age_ms: 0,
         bytes: 0,
+        is_for_again: false,
     };
     kept.prune(keep, i64::MAX).unwrap();
     drop(kept);

@@ -43,6 +43,7 @@ impl Disk {
             newest: self.newest,
             before: 0,
             delivered: self.deleted,
+            is_failing: false,
         }
     }
 
@@ -198,6 +199,7 @@ fn numbers_of_another_file_are_not_mixed_with_these() {
         newest: 10,
         before: 0,
         delivered: 0,
+        is_failing: false,
     });
     replay.read(Duration::ZERO, old);
     assert_eq!(replay.next(), None);

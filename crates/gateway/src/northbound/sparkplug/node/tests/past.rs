@@ -349,6 +349,7 @@ async fn what_could_not_be_read_is_tried_again_later() {
         newest: 9,
         before: 0,
         delivered: 0,
+        is_failing: false,
     });
     assert_eq!(backlog.next_read(Duration::ZERO), Some(0));
     assert_eq!(backlog.next_read(Duration::ZERO), None, "it is being read");

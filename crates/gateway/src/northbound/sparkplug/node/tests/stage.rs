@@ -502,6 +502,7 @@ impl Stage {
             newest: self.entries.len() as u64,
             before: 0,
             delivered: 0,
+            is_failing: false,
         };
         self.handle(Input::Stored(state));
     }
