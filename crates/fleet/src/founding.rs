@@ -114,9 +114,10 @@ impl Account {
 
 /// Founds a fleet on these servers, at this time in seconds since 1970.
 ///
-/// - `offline/`: the keys that found it, needed for another server or another centre. They belong
-///   away from every machine of the fleet.
-/// - `hub/`: what the centre needs. With it sites can be enrolled and revoked.
+/// - `offline/`: the keys that found it, needed for another server or another centre, and to revoke
+///   a site. They belong away from every machine of the fleet.
+/// - `hub/`: what the centre needs. With it sites are admitted: whoever has it can be any site, and
+///   command all.
 /// - `server1/` and so on: what each server needs, with its configuration.
 ///
 /// # Errors
@@ -170,7 +171,7 @@ pub fn found(nodes: &[NodeAddress], now: u64) -> Result<Vec<FoundedFile>, Foundi
         secret("offline/sites-account.nk", line(&sites.key)?),
         secret("offline/hub-account.nk", line(&hub.key)?),
         secret("offline/ca.key", ca_key),
-        secret("hub/operator-signing.nk", line(&operator_signing)?),
+        secret("offline/operator-signing.nk", line(&operator_signing)?),
         secret("hub/site-signing.nk", line(&site_signing)?),
         secret("hub/hub.creds", hub.user("hub", grants::hub(), now)?),
         secret(
@@ -254,7 +255,7 @@ mod tests {
             let its = texts.iter().filter(|file| file.path.starts_with(folder));
             its.count()
         };
-        assert_eq!(["offline/", "hub/", "server"].map(secrets), [5, 4, 3]);
+        assert_eq!(["offline/", "hub/", "server"].map(secrets), [6, 3, 3]);
     }
 
     #[test]

@@ -90,8 +90,9 @@ pub(crate) fn site() -> Value {
     })
 }
 
-/// What the centre may do. Streams are made and read by it alone; what people did can't be deleted
-/// from the audit stream with its key.
+/// What the centre may do. Streams are made and read by it alone. What people did can't be taken
+/// from the audit stream with its key, neither deleted nor by another limit: only the offline key
+/// of the centre's account can change that stream.
 pub(crate) fn hub() -> Value {
     json!({
         "pub": {
@@ -101,7 +102,8 @@ pub(crate) fn hub() -> Value {
             ],
             "deny": [
                 "$JS.API.STREAM.DELETE.AUDIT", "$JS.API.STREAM.PURGE.AUDIT",
-                "$JS.API.STREAM.MSG.DELETE.AUDIT",
+                "$JS.API.STREAM.MSG.DELETE.AUDIT", "$JS.API.STREAM.UPDATE.AUDIT",
+                "$JS.API.STREAM.RESTORE.AUDIT",
             ],
         },
         "sub": { "allow": ["rb.>", "_INBOX.>"] },

@@ -90,15 +90,40 @@ pub struct DataBatch {
     /// The number of the first one.
     #[prost(uint64, tag = "2")]
     pub seq: u64,
-    /// What was before them, and was dropped.
+    /// What was before them, and is there no longer.
     #[prost(message, optional, tag = "3")]
     pub dropped: Option<Dropped>,
     /// The entries.
     #[prost(message, repeated, tag = "4")]
     pub entries: Vec<DataEntry>,
+    /// In which session it was sent.
+    #[prost(string, tag = "5")]
+    pub session: String,
 }
 
-/// Entries that were dropped because nobody took them.
+/// Entries are wanted again.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct Resend {
+    /// What they are numbered by.
+    #[prost(string, tag = "1")]
+    pub epoch: String,
+    /// The number of the first one.
+    #[prost(uint64, tag = "2")]
+    pub first: u64,
+    /// The number of the last one.
+    #[prost(uint64, tag = "3")]
+    pub last: u64,
+}
+
+/// The answer to [`Resend`].
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct ResendAnswer {
+    /// None where they are on their way.
+    #[prost(message, optional, tag = "1")]
+    pub refusal: Option<FleetRefusal>,
+}
+
+/// Entries that are there no longer.
 #[derive(Clone, Copy, PartialEq, prost::Message)]
 pub struct Dropped {
     /// How many.

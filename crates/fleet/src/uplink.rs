@@ -5,23 +5,25 @@
 //! not acknowledged is sent again, with the same message id: a server that has it already says so,
 //! and a receiver knows it by its number.
 
-use crate::message::{Beat, DataBatch, DataEntry, Hello, HelloAnswer, SiteState, Welcome};
+mod transfer;
+
+use crate::message::{Beat, DataEntry, Hello, HelloAnswer, SiteState, Welcome};
 use prost::Message as _;
 use railbus_store::outbox::{OutboxEntry, Piece};
 use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Duration;
+use transfer::{NextRead, Sender, Transfer, TransferEnd};
+pub use transfer::{NoResend, OutboxHead};
 
 /// How many entries are read at a time.
 pub const READ_MAX: usize = 1_024;
-/// How many messages are under way at once.
-const FLYING_MAX: usize = 16;
 /// The longest message with entries, in bytes: one takes 10 s on a line of 64 kbit/s.
 const BATCH_MAX: usize = 64 << 10;
-/// The longest message that servers take, in bytes, less what belongs to it besides.
-const STATE_MAX: usize = (1 << 20) - 1_024;
-/// A change waits so long for others, if nothing else is to be sent.
-const GATHER: Duration = Duration::from_secs(1);
+/// The longest message that servers take by default, in bytes.
+const MESSAGE_MAX: usize = 1 << 20;
+/// What belongs to a message besides what it says, in bytes: subjects and headers.
+const AROUND: usize = 1_024;
 /// How often it says that it is there.
 const BEAT: Duration = Duration::from_secs(10);
 /// How often it says how everything is.
@@ -32,8 +34,8 @@ const ANSWER_MAX: Duration = Duration::from_secs(10);
 const AWAY: Duration = Duration::from_secs(5);
 /// The same where another has its session.
 const TAKEN: Duration = Duration::from_secs(300);
-/// When it sends again what was refused, at first, and at most.
-const AGAIN: (Duration, Duration) = (Duration::from_secs(1), Duration::from_secs(60));
+/// When it says again how everything is, if that did not arrive.
+const STATE_AGAIN: Duration = Duration::from_secs(60);
 
 /// What a site says of itself.
 #[derive(Clone, Debug)]
@@ -48,22 +50,11 @@ pub struct SiteIdentity {
     pub version: String,
 }
 
-/// How the outbox is.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct OutboxHead {
-    /// What its entries are numbered by; empty until it is open.
-    pub epoch: Arc<str>,
-    /// The number of the newest one.
-    pub newest: u64,
-    /// Up to which number everything was delivered when it was opened.
-    pub delivered: u64,
-}
-
 /// What happened.
 #[derive(Debug)]
 pub enum UplinkInput<'i> {
-    /// There is a connection.
-    Connected,
+    /// There is a connection, on which messages of so many bytes are taken.
+    Connected(usize),
     /// There is none any more.
     Lost,
     /// The answer to this message; none if nobody listens there.
@@ -72,7 +63,8 @@ pub enum UplinkInput<'i> {
     Ended(&'i str),
     /// So much is in the outbox.
     Stored(OutboxHead),
-    /// What was read of it; none if that can't be now.
+    /// What was read of it; none if that can't be now. A piece without entries has none of those
+    /// that were wanted again.
     Read(Option<(Arc<str>, Piece)>),
     /// How every point is after the entry with this number; none if that can't be said now.
     State(Option<(Arc<str>, u64, Vec<OutboxEntry>)>),
@@ -85,11 +77,16 @@ pub enum UplinkOutput {
     Publish(UpMessage),
     /// From now on the centre asks at these subjects, in the session of this name.
     Listen(String, String),
+    /// The centre asks nothing more.
+    Unlisten,
     /// Entries are read, from after this number on.
     Read(u64),
+    /// Entries from one number to another are read, which are delivered.
+    ReadAgain((u64, u64)),
     /// It is found out how every point is.
     FindState,
-    /// The centre's servers have everything up to this number, so many more entries than before.
+    /// The centre's servers have everything up to this number, or were told that it was dropped: so
+    /// many entries more than before.
     Delivered(Arc<str>, u64, u64),
     /// It works.
     Works,
@@ -108,6 +105,8 @@ pub enum UplinkFault {
     NotStored(String),
     /// How everything is has more bytes than a message may have.
     StateTooLong(usize),
+    /// The site's own disk does not take changes.
+    NotRecorded,
 }
 
 /// A message of the site.
@@ -134,14 +133,6 @@ enum Session {
     Has(String),
 }
 
-/// Entries on their way.
-#[derive(Debug)]
-struct Flying {
-    number: u64,
-    last: u64,
-    is_stored: bool,
-}
-
 /// A site's side of its way to the centre.
 #[derive(Debug)]
 pub struct Uplink {
@@ -153,23 +144,15 @@ pub struct Uplink {
     beat_at: Option<Duration>,
     state_at: Option<Duration>,
     is_finding_state: bool,
-    /// Whose numbers these are, and how far the outbox goes.
-    head: OutboxHead,
-    /// The centre has everything up to this one.
-    delivered: u64,
-    /// Everything up to this one is delivered or on its way.
-    sent: u64,
-    flying: VecDeque<Flying>,
-    /// When the oldest of them has been under way for too long.
-    answer_by: Option<Duration>,
-    /// Since when something is to be sent.
-    due_since: Option<Duration>,
-    is_reading: bool,
-    /// What is being read was asked for before something went wrong.
-    is_read_void: bool,
-    /// When it goes on after something went wrong, and how often it did.
-    again: Option<Duration>,
-    refusals: u32,
+    /// The number of the last message that said how everything is.
+    state_asked: Option<u64>,
+    /// How many bytes it has.
+    state_len: usize,
+    /// It was too long: the centre does not know how everything is.
+    is_state_missing: bool,
+    transfer: Transfer,
+    /// The longest message on this connection.
+    message_max: usize,
     /// The wall clock, in milliseconds since 1970.
     clock_ms: i64,
 }
@@ -186,16 +169,11 @@ impl Uplink {
             beat_at: None,
             state_at: None,
             is_finding_state: false,
-            head: OutboxHead::default(),
-            delivered: 0,
-            sent: 0,
-            flying: VecDeque::new(),
-            answer_by: None,
-            due_since: None,
-            is_reading: false,
-            is_read_void: false,
-            again: None,
-            refusals: 0,
+            state_asked: None,
+            state_len: 0,
+            is_state_missing: false,
+            transfer: Transfer::default(),
+            message_max: MESSAGE_MAX,
             clock_ms: 0,
         }
     }
@@ -208,15 +186,13 @@ impl Uplink {
     /// Something happened, at this time since the start.
     pub fn handle(&mut self, now: Duration, input: UplinkInput<'_>) {
         match input {
-            UplinkInput::Connected => {
+            UplinkInput::Connected(message_max) => {
+                self.message_max = message_max;
                 if self.session == Session::Offline {
                     self.session = Session::Waits(now);
                 }
             }
-            UplinkInput::Lost => {
-                self.session = Session::Offline;
-                self.begin_anew(None);
-            }
+            UplinkInput::Lost => self.leave(Session::Offline),
             UplinkInput::Answer(number, answer) => self.answer(now, number, answer),
             UplinkInput::Ended(session) => {
                 if matches!(&self.session, Session::Has(own) if own == session) {
@@ -226,18 +202,29 @@ impl Uplink {
                 }
             }
             UplinkInput::Stored(head) => {
-                if self.head.epoch != head.epoch {
-                    self.delivered = head.delivered;
-                    self.begin_anew(None);
+                let before = self.transfer.head();
+                let is_other = before.epoch != head.epoch;
+                if head.is_failing && !before.is_failing {
+                    self.outputs
+                        .push_back(UplinkOutput::Fails(UplinkFault::NotRecorded, AWAY));
                 }
-                self.head = head;
-                if self.sent < self.head.newest {
-                    self.due_since.get_or_insert(now);
+                self.transfer.stored(now, head);
+                if is_other {
+                    // Numbers mean something else from now on.
+                    self.state_at = None;
                 }
             }
             UplinkInput::Read(read) => self.read(now, read),
             UplinkInput::State(state) => self.state(now, state),
         }
+    }
+
+    /// Entries that are delivered are wanted again, from one number to another.
+    ///
+    /// # Errors
+    /// [`NoResend`].
+    pub fn resend(&mut self, epoch: &str, span: (u64, u64)) -> Result<(), NoResend> {
+        self.transfer.resend(epoch, span)
     }
 
     /// What is to be done at this time since the start, and at this one of the wall clock, in
@@ -255,32 +242,26 @@ impl Uplink {
     pub fn deadline(&self) -> Option<Duration> {
         let session = match self.session {
             Session::Offline => return None,
-            Session::Waits(at) => return (!self.head.epoch.is_empty()).then_some(at),
+            Session::Waits(at) => return self.can_ask().then_some(at),
             Session::Asked(_, by) => return Some(by),
-            Session::Has(_) => self.beat_at,
+            Session::Has(_) => self.beat_at.filter(|_| !self.transfer.head().is_failing),
         };
         let state = self.state_at.filter(|_| !self.is_finding_state);
-        let data = match self.again {
-            Some(again) => Some(again),
-            None => self.read_at(),
-        };
-        [session, state, data, self.answer_by]
-            .into_iter()
-            .flatten()
-            .min()
+        let data = self.transfer.deadline();
+        [session, state, data].into_iter().flatten().min()
     }
 
     /// How many entries the centre does not have.
     #[must_use]
     pub const fn behind(&self) -> u64 {
-        self.head.newest.saturating_sub(self.delivered)
+        self.transfer.behind()
     }
 
     fn step(&mut self, now: Duration) {
         match self.session {
             Session::Offline => {}
             // Before there is an outbox, nothing can be said of it.
-            Session::Waits(at) if at <= now && !self.head.epoch.is_empty() => self.ask(now),
+            Session::Waits(at) if at <= now && self.can_ask() => self.ask(now),
             Session::Waits(_) => {}
             Session::Asked(_, by) => {
                 if by <= now {
@@ -291,12 +272,16 @@ impl Uplink {
         }
     }
 
+    fn can_ask(&self) -> bool {
+        !self.transfer.head().epoch.is_empty() && !self.transfer.head().is_failing
+    }
+
     fn ask(&mut self, now: Duration) {
         let hello = Hello {
             installation: self.own.installation.to_vec(),
             boot: self.own.boot.to_vec(),
-            epoch: self.head.epoch.to_string(),
-            newest: self.head.newest,
+            epoch: self.transfer.head().epoch.to_string(),
+            newest: self.transfer.head().newest,
             version: self.own.version.clone(),
             clock_ms: self.clock_ms,
         };
@@ -312,12 +297,26 @@ impl Uplink {
     }
 
     fn ask_again(&mut self, now: Duration, after: Duration) {
-        self.session = Session::Waits(now + after);
-        self.begin_anew(None);
+        self.leave(Session::Waits(now + after));
+    }
+
+    /// There is no session any more, and nothing is said in it.
+    fn leave(&mut self, session: Session) {
+        if matches!(self.session, Session::Has(_)) {
+            self.outputs.push_back(UplinkOutput::Unlisten);
+        }
+        self.session = session;
+        let is_said = |output: &UplinkOutput| {
+            matches!(output, UplinkOutput::Publish(_) | UplinkOutput::Listen(..))
+        };
+        self.outputs.retain(|output| !is_said(output));
+        (self.state_asked, self.state_len) = (None, 0);
+        self.transfer.begin_anew(None);
     }
 
     fn work(&mut self, now: Duration) {
-        if self.beat_at.is_none_or(|at| at <= now) {
+        // Whoever hears that it is there believes what it told last.
+        if self.beat_at.is_none_or(|at| at <= now) && !self.transfer.head().is_failing {
             self.beat_at = Some(now + BEAT);
             self.beat(now);
         }
@@ -325,16 +324,14 @@ impl Uplink {
             self.is_finding_state = true;
             self.outputs.push_back(UplinkOutput::FindState);
         }
-        if self.answer_by.is_some_and(|by| by <= now) {
-            self.refused(now, "no answer within 10 s".to_owned());
+        if self.transfer.is_overdue(now) {
+            self.refused(now, "no answer in time".to_owned());
         }
-        if self.again.is_some_and(|at| at > now) {
-            return;
-        }
-        self.again = None;
-        if self.read_at().is_some_and(|at| at <= now) {
-            self.is_reading = true;
-            self.outputs.push_back(UplinkOutput::Read(self.sent));
+        if let Some(read) = self.transfer.next(now) {
+            self.outputs.push_back(match read {
+                NextRead::After(number) => UplinkOutput::Read(number),
+                NextRead::Again(span) => UplinkOutput::ReadAgain(span),
+            });
         }
     }
 
@@ -346,54 +343,33 @@ impl Uplink {
             boot: self.own.boot.to_vec(),
             session: session.clone(),
             time_ms: u64::try_from(now.as_millis()).unwrap_or(u64::MAX),
-            epoch: self.head.epoch.to_string(),
-            newest: self.head.newest,
-            delivered: self.delivered,
+            epoch: self.transfer.head().epoch.to_string(),
+            newest: self.transfer.head().newest,
+            delivered: self.transfer.delivered(),
             clock_ms: self.clock_ms,
         };
         self.publish("beat", None, beat.encode_to_vec(), None);
     }
 
-    /// When more is read; none while there is nothing, or enough is under way. Few entries wait for
-    /// others: a second, or until those before them have arrived.
-    fn read_at(&self) -> Option<Duration> {
-        let waiting = self.head.newest.saturating_sub(self.sent);
-        if waiting == 0 || self.is_reading || self.flying.len() >= FLYING_MAX {
-            return None;
-        }
-        let since = self.due_since?;
-        match waiting >= READ_MAX as u64 {
-            true => Some(since),
-            false if self.flying.is_empty() => Some(since + GATHER),
-            false => None,
-        }
-    }
-
     fn read(&mut self, now: Duration, read: Option<(Arc<str>, Piece)>) {
-        self.is_reading = false;
-        if std::mem::take(&mut self.is_read_void) {
-            return;
-        }
-        let read =
-            read.filter(|(epoch, piece)| *epoch == self.head.epoch && !piece.entries.is_empty());
-        let Some((epoch, piece)) = read else {
-            self.begin_anew(Some(now + AGAIN.0));
-            return;
+        let session = match &self.session {
+            Session::Has(session) => session,
+            // Nothing is sent without one.
+            _ => "",
         };
-        let (batch, last) = pack(&epoch, &piece);
-        // Both ends are in it: what begins at the same entry may have more in it the next time, and
-        // a server that took it for the one before would leave out the rest.
-        let id = format!("{}-{epoch}-{}-{last}", self.own.site, batch.seq);
-        let number = self.next_number();
-        self.flying.push_back(Flying {
-            number,
-            last,
-            is_stored: false,
-        });
-        self.answer_by.get_or_insert(now + ANSWER_MAX);
-        self.sent = last;
-        self.due_since = (self.sent < self.head.newest).then_some(now);
-        self.publish("data", Some(id), batch.encode_to_vec(), Some(number));
+        let sender = Sender {
+            site: &self.own.site,
+            boot: &self.own.boot,
+            session,
+            most: BATCH_MAX.min(self.message_max.saturating_sub(AROUND)),
+            other_bytes: self.state_len,
+            number: self.number + 1,
+            clock_ms: self.clock_ms,
+        };
+        if let Some((id, payload)) = self.transfer.read(now, read, &sender) {
+            let number = self.next_number();
+            self.publish("data", Some(id), payload, Some(number));
+        }
     }
 
     fn state(&mut self, now: Duration, state: Option<(Arc<str>, u64, Vec<OutboxEntry>)>) {
@@ -401,11 +377,13 @@ impl Uplink {
         let Session::Has(session) = &self.session else {
             return;
         };
-        let Some((epoch, seq, points)) = state else {
-            self.state_at = Some(now + AGAIN.1);
+        // Unless it arrives.
+        self.state_at = Some(now + STATE_AGAIN);
+        let Some((epoch, seq, points)) =
+            state.filter(|(epoch, ..)| *epoch == self.transfer.head().epoch)
+        else {
             return;
         };
-        self.state_at = Some(now + STATE);
         let state = SiteState {
             session: session.clone(),
             epoch: epoch.to_string(),
@@ -413,12 +391,17 @@ impl Uplink {
             points: points.iter().map(DataEntry::from).collect(),
         };
         let payload = state.encode_to_vec();
-        if payload.len() > STATE_MAX {
+        if payload.len() > self.message_max.saturating_sub(AROUND) {
+            self.state_at = Some(now + STATE);
+            self.is_state_missing = true;
             let fault = UplinkFault::StateTooLong(payload.len());
             self.outputs.push_back(UplinkOutput::Fails(fault, STATE));
             return;
         }
-        self.publish("state", None, payload, None);
+        let number = self.next_number();
+        self.state_asked = Some(number);
+        self.state_len = payload.len();
+        self.publish("state", None, payload, Some(number));
     }
 
     fn answer(&mut self, now: Duration, number: u64, answer: Option<&[u8]>) {
@@ -430,34 +413,29 @@ impl Uplink {
             }
             return;
         }
-        let Some(at) = self
-            .flying
-            .iter()
-            .position(|flying| flying.number == number)
-        else {
-            // Of an earlier try.
-            return;
-        };
-        if let Err(reason) = is_stored(answer) {
-            self.refused(now, reason);
+        if self.state_asked == Some(number) {
+            (self.state_asked, self.state_len) = (None, 0);
+            if is_stored(answer, "STATE").is_ok() {
+                self.state_at = Some(now + STATE);
+                self.is_state_missing = false;
+            }
             return;
         }
-        if let Some(flying) = self.flying.get_mut(at) {
-            flying.is_stored = true;
-        }
-        let mut newest = None;
-        while self.flying.front().is_some_and(|flying| flying.is_stored) {
-            newest = self.flying.pop_front().map(|flying| flying.last);
-        }
-        if let Some(newest) = newest {
-            let count = newest.saturating_sub(self.delivered);
-            self.delivered = newest;
-            self.refusals = 0;
-            self.answer_by = (!self.flying.is_empty()).then_some(now + ANSWER_MAX);
-            let epoch = Arc::clone(&self.head.epoch);
-            self.outputs
-                .push_back(UplinkOutput::Delivered(epoch, newest, count));
-            self.outputs.push_back(UplinkOutput::Works);
+        let is_stored = is_stored(answer, "DATA");
+        match self
+            .transfer
+            .answer((now, self.state_len), number, is_stored)
+        {
+            TransferEnd::Nothing => {}
+            TransferEnd::Refused(reason) => self.refused(now, reason),
+            TransferEnd::Delivered(to, count) => {
+                let epoch = Arc::clone(&self.transfer.head().epoch);
+                self.outputs
+                    .push_back(UplinkOutput::Delivered(epoch, to, count));
+                if !self.is_state_missing && !self.transfer.head().is_failing {
+                    self.outputs.push_back(UplinkOutput::Works);
+                }
+            }
         }
     }
 
@@ -486,24 +464,9 @@ impl Uplink {
 
     /// Data did not come in: all that is under way is sent again.
     fn refused(&mut self, now: Duration, reason: String) {
-        let wait = AGAIN
-            .0
-            .saturating_mul(1 << self.refusals.min(6))
-            .min(AGAIN.1);
-        self.refusals = self.refusals.saturating_add(1);
-        self.begin_anew(Some(now + wait));
+        let wait = self.transfer.refused(now);
         let fault = UplinkFault::NotStored(reason);
         self.outputs.push_back(UplinkOutput::Fails(fault, wait));
-    }
-
-    /// What is not delivered is read and sent again, at this time or as soon as it can be.
-    fn begin_anew(&mut self, at: Option<Duration>) {
-        self.flying.clear();
-        self.answer_by = None;
-        self.sent = self.delivered;
-        self.again = at;
-        self.is_read_void = self.is_reading;
-        self.due_since = (self.sent < self.head.newest).then_some(Duration::ZERO);
     }
 
     const fn next_number(&mut self) -> u64 {
@@ -522,30 +485,8 @@ impl Uplink {
     }
 }
 
-/// As many entries as fit into a message, but one at least, and the number of the last one.
-fn pack(epoch: &str, piece: &Piece) -> (DataBatch, u64) {
-    let mut batch = DataBatch {
-        epoch: epoch.to_owned(),
-        seq: piece.first,
-        dropped: piece.missing.as_ref().map(Into::into),
-        entries: Vec::new(),
-    };
-    let (mut length, mut last) = (batch.encoded_len(), piece.first);
-    for (entry, number) in piece.entries.iter().zip(piece.first..) {
-        let entry = DataEntry::from(entry);
-        // Its tag and its length.
-        length += entry.encoded_len() + 4;
-        if length > BATCH_MAX && !batch.entries.is_empty() {
-            break;
-        }
-        batch.entries.push(entry);
-        last = number;
-    }
-    (batch, last)
-}
-
-/// Whether a stream has taken a message, as its answer says.
-fn is_stored(answer: Option<&[u8]>) -> Result<(), String> {
+/// Whether this stream has taken a message, as its answer says.
+fn is_stored(answer: Option<&[u8]>, stream: &str) -> Result<(), String> {
     let answer = answer.ok_or("no stream takes it")?;
     let answer: serde_json::Value =
         serde_json::from_slice(answer).map_err(|error| error.to_string())?;
@@ -554,7 +495,7 @@ fn is_stored(answer: Option<&[u8]>) -> Result<(), String> {
         return Err(said.unwrap_or("refused").to_owned());
     }
     match answer.get("stream").and_then(serde_json::Value::as_str) {
-        Some("DATA") => Ok(()),
+        Some(its) if its == stream => Ok(()),
         _ => Err("another stream answers".to_owned()),
     }
 }

@@ -1,20 +1,10 @@
+mod play;
+
+use super::transfer::{AGAIN, GATHER, pack};
 use super::*;
-use crate::message::FleetRefusal;
-use railbus_store::outbox::EntryKind;
+use crate::message::{DataBatch, FleetRefusal};
+use railbus_store::outbox::{DroppedEntries, EntryKind};
 use std::collections::BTreeMap;
-
-/// Numbers from a seed.
-struct Dice(u64);
-
-impl Dice {
-    fn roll(&mut self, sides: u64) -> u64 {
-        self.0 = self
-            .0
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1);
-        (self.0 >> 33) % sides
-    }
-}
 
 fn identity() -> SiteIdentity {
     SiteIdentity {
@@ -64,18 +54,33 @@ impl Disk {
             epoch: self.epoch(),
             newest: self.newest,
             delivered: self.delivered,
+            is_failing: false,
         }
     }
 
     fn read(&self, after: u64) -> Option<(Arc<str>, Piece)> {
-        let found = self.entries.range(after.max(self.delivered) + 1..);
+        let after = after.max(self.delivered);
+        let mut piece = self.piece(after + 1, self.newest);
+        let to = piece.entries.first()?.at;
+        piece.missing = (piece.first > after + 1).then(|| DroppedEntries {
+            count: piece.first - after - 1,
+            from: None,
+            to,
+        });
+        Some((self.epoch(), piece))
+    }
+
+    fn piece(&self, first: u64, last: u64) -> Piece {
+        let found = self
+            .entries
+            .range(first..)
+            .take_while(|(number, _)| **number <= last);
         let found: Vec<_> = found.take(READ_MAX).collect();
-        let piece = Piece {
-            first: *found.first()?.0,
+        Piece {
+            first: found.first().map_or(0, |(number, _)| **number),
             entries: found.iter().map(|(_, entry)| (*entry).clone()).collect(),
             missing: None,
-        };
-        Some((self.epoch(), piece))
+        }
     }
 }
 
@@ -115,6 +120,10 @@ impl Site {
                     let read = self.disk.read(*after);
                     self.handle(UplinkInput::Read(read));
                 }
+                UplinkOutput::ReadAgain((first, last)) => {
+                    let piece = self.disk.piece(*first, *last);
+                    self.handle(UplinkInput::Read(Some((self.disk.epoch(), piece))));
+                }
                 UplinkOutput::FindState => {
                     let state = (self.disk.epoch(), self.disk.newest, vec![entry(1)]);
                     self.handle(UplinkInput::State(Some(state)));
@@ -145,7 +154,7 @@ impl Site {
     /// Connected and welcome; what it says first.
     fn begin(&mut self) -> Vec<UpMessage> {
         self.now += GATHER;
-        self.handle(UplinkInput::Connected);
+        self.handle(UplinkInput::Connected(MESSAGE_MAX));
         let hello = self.published();
         assert_eq!(hello.len(), 1, "{hello:?}");
         assert_eq!(hello[0].subject, "rb.up.plant7.hello");
@@ -170,7 +179,7 @@ fn without_a_session_nothing_is_said() {
     site.disk.append(5);
     site.stored();
     assert_eq!(site.outputs(), []);
-    site.handle(UplinkInput::Connected);
+    site.handle(UplinkInput::Connected(MESSAGE_MAX));
     let hello = site.published();
     assert_eq!(what(&hello), ["hello"]);
     let said = Hello::decode(&*hello[0].payload).unwrap();
@@ -225,7 +234,7 @@ fn with_a_session_it_says_that_it_is_there_how_all_is_and_what_changed() {
     assert_eq!((state.seq, state.points.len()), (3, 1));
     let batch = DataBatch::decode(&*first[2].payload).unwrap();
     assert_eq!((batch.seq, batch.entries.len()), (1, 3));
-    assert_eq!(first[2].id.as_deref(), Some("plant7-E0-1-3"));
+    assert_eq!(first[2].id.as_deref(), Some("plant7-E0-1-3-0"));
     site.answer(first[2].answer.unwrap(), TAKEN_IN);
     let ends = site.outputs();
     assert_eq!(
@@ -254,7 +263,9 @@ fn a_session_that_the_centre_ends_is_asked_for_again() {
     site.handle(UplinkInput::Ended("s0"));
     assert_eq!(site.outputs(), []);
     site.handle(UplinkInput::Ended("s1"));
-    assert!(matches!(site.outputs()[..], [UplinkOutput::Fails(..)]));
+    let ended = site.outputs();
+    let is_so = matches!(ended[..], [UplinkOutput::Unlisten, UplinkOutput::Fails(..)]);
+    assert!(is_so, "{ended:?}");
     site.disk.append(1);
     site.stored();
     site.now += TAKEN - GATHER;
@@ -278,7 +289,7 @@ fn an_answer_that_is_no_session_gives_none() {
         b"\xFF\xFF".to_vec(),
     ] {
         let mut site = Site::new();
-        site.handle(UplinkInput::Connected);
+        site.handle(UplinkInput::Connected(MESSAGE_MAX));
         let hello = site.published();
         site.answer(hello[0].answer.unwrap(), &answer);
         let fails = site.outputs();
@@ -322,9 +333,109 @@ fn what_is_not_taken_in_is_sent_again_under_the_same_id() {
 }
 
 #[test]
+fn what_was_read_for_an_earlier_session_is_not_sent_in_this_one() {
+    let mut site = Site::new();
+    site.begin();
+    site.disk.append(3);
+    site.stored();
+    site.now += GATHER;
+    assert_eq!(site.uplink.poll(site.now, 0), Some(UplinkOutput::Read(0)));
+    let late = site.disk.read(0);
+    site.handle(UplinkInput::Lost);
+    site.begin();
+    assert_eq!(site.uplink.poll(site.now, 0), None, "one read at a time");
+    site.handle(UplinkInput::Read(late));
+    let sent = site.published();
+    assert_eq!(what(&sent), ["data"]);
+    assert_eq!(sent[0].id.as_deref(), Some("plant7-E0-1-3-0"));
+}
+
+/// With all that is on the disk delivered.
+fn all_delivered(count: u64) -> Site {
+    let mut site = Site::new();
+    site.disk.append(count);
+    site.stored();
+    let first = site.begin();
+    site.answer(first[2].answer.unwrap(), TAKEN_IN);
+    site.outputs();
+    site.disk.delivered = count;
+    site
+}
+
+#[test]
+fn what_the_centre_misses_is_sent_again_under_another_id() {
+    let mut site = all_delivered(9);
+    assert_eq!(site.uplink.resend("E1", (1, 2)), Err(NoResend::Epoch));
+    assert_eq!(site.uplink.resend("E0", (3, 5)), Ok(()));
+    assert_eq!(site.uplink.resend("E0", (7, 7)), Err(NoResend::Busy));
+    let again = site.published();
+    assert_eq!(what(&again), ["data"]);
+    let batch = DataBatch::decode(&*again[0].payload).unwrap();
+    assert_eq!(
+        (batch.seq, batch.entries.len(), batch.dropped),
+        (3, 3, None)
+    );
+    assert_ne!(again[0].id.as_deref(), Some("plant7-E0-3-5-0"));
+    // Nothing is delivered by it, and what is new does not wait for it.
+    site.disk.append(1);
+    site.stored();
+    site.now += GATHER;
+    assert_eq!(what(&site.published()), ["data"]);
+    site.answer(again[0].answer.unwrap(), TAKEN_IN);
+    assert_eq!(site.outputs(), []);
+    // The same once more has another id.
+    assert_eq!(site.uplink.resend("E0", (3, 5)), Ok(()));
+    assert_ne!(site.published()[0].id, again[0].id);
+    // What is not delivered comes anyway.
+    assert_eq!(site.uplink.resend("E0", (10, 30)), Ok(()));
+    assert_eq!(site.published(), []);
+    assert_eq!(site.uplink.resend("E0", (0, u64::MAX)), Ok(()));
+    let batch = DataBatch::decode(&*site.published()[0].payload).unwrap();
+    assert_eq!((batch.seq, batch.entries.len()), (1, 9));
+}
+
+#[test]
+fn what_is_there_no_longer_is_said_to_be_gone() {
+    let mut site = all_delivered(9);
+    site.disk.entries = site.disk.entries.split_off(&5);
+    site.uplink.resend("E0", (2, 6)).unwrap();
+    let batch = DataBatch::decode(&*site.published()[0].payload).unwrap();
+    assert_eq!((batch.seq, batch.entries.len()), (5, 2));
+    assert_eq!(
+        batch.dropped.map(|gone| (gone.count, gone.to_ms)),
+        Some((3, 5))
+    );
+    site.uplink.resend("E0", (2, 4)).unwrap();
+    let batch = DataBatch::decode(&*site.published()[0].payload).unwrap();
+    assert_eq!((batch.seq, batch.entries.len()), (5, 0));
+    assert_eq!(batch.dropped.map(|gone| gone.count), Some(3));
+}
+
+#[test]
+fn how_all_is_is_said_again_if_it_did_not_arrive() {
+    let mut site = Site::new();
+    let first = site.begin();
+    assert_eq!(what(&first), ["beat", "state"]);
+    let number = first[1].answer.unwrap();
+    site.handle(UplinkInput::Answer(number, None));
+    site.now += STATE_AGAIN;
+    let again = site.published();
+    assert!(what(&again).contains(&"state"), "{again:?}");
+    let said = again
+        .iter()
+        .find(|message| message.subject.ends_with("state"));
+    let number = said.unwrap().answer.unwrap();
+    site.answer(number, br#"{"stream":"STATE","seq":1}"#);
+    site.now += STATE - BEAT;
+    assert!(!what(&site.published()).contains(&"state"));
+    site.now += BEAT;
+    assert!(what(&site.published()).contains(&"state"));
+}
+
+#[test]
 fn a_state_that_is_too_long_is_told_and_not_sent() {
     let mut site = Site::new();
-    site.handle(UplinkInput::Connected);
+    site.handle(UplinkInput::Connected(MESSAGE_MAX));
     let hello = site.published();
     site.is_welcome(hello[0].answer.unwrap());
     let mut found = Vec::new();
@@ -352,6 +463,15 @@ fn a_state_that_is_too_long_is_told_and_not_sent() {
 
 #[test]
 fn no_message_is_longer_than_a_slow_line_takes() {
+    let sender = Sender {
+        site: "plant7",
+        boot: &[8; 16],
+        session: "s1",
+        most: BATCH_MAX,
+        other_bytes: 0,
+        number: 1,
+        clock_ms: 0,
+    };
     let long = |number| OutboxEntry {
         what: EntryKind::Reading {
             path: "m".repeat(60),
@@ -367,7 +487,7 @@ fn no_message_is_longer_than_a_slow_line_takes() {
         entries,
         missing: None,
     };
-    let (batch, last) = pack("E0", &piece((0..1_000).map(long).collect()));
+    let (batch, last) = pack(&sender, "E0", &piece((0..1_000).map(long).collect()));
     assert!(batch.encoded_len() <= BATCH_MAX, "{}", batch.encoded_len());
     assert_eq!(last, 4 + batch.entries.len() as u64);
     assert!(batch.entries.len() > 50);
@@ -376,180 +496,74 @@ fn no_message_is_longer_than_a_slow_line_takes() {
     if let EntryKind::Reading { value, .. } = &mut huge.what {
         *value = Some(format!("\"{}\"", "x".repeat(BATCH_MAX)));
     }
-    let (batch, last) = pack("E0", &piece(vec![huge, long(1)]));
+    let (batch, last) = pack(&sender, "E0", &piece(vec![huge, long(1)]));
     assert_eq!((batch.entries.len(), last), (1, 5));
 }
 
-/// What the servers and the centre do, from a seed: answers that are lost, late, doubled and out
-/// of order, connections that end, sessions that end, disks that begin anew.
-fn play(seed: u64) {
-    let mut dice = Dice(seed);
+#[test]
+fn an_answer_that_is_later_than_its_time_counts() {
     let mut site = Site::new();
-    // What the stream has: by epoch and number, and all ids.
-    let mut stored: BTreeMap<(String, u64), i64> = BTreeMap::new();
-    let mut appended: BTreeMap<(String, u64), i64> = BTreeMap::new();
-    let mut ids: BTreeMap<String, Vec<u8>> = BTreeMap::new();
-    let mut under_way: Vec<(Duration, u64, Option<Vec<u8>>)> = Vec::new();
-    let (mut session, mut sessions, mut is_connected) = (None, 0, false);
-    let until = Duration::from_secs(1_200);
-    let mut is_calm = false;
-    loop {
-        if !is_calm && site.now > until {
-            // Everything goes well from here on.
-            is_calm = true;
-            if !is_connected {
-                is_connected = true;
-                site.handle(UplinkInput::Connected);
-            }
-        }
-        if is_calm && site.now > until + Duration::from_secs(700) {
-            break;
-        }
-        for output in site.outputs() {
-            match output {
-                UplinkOutput::Publish(message) => {
-                    assert!(is_connected, "{seed}: it is not connected");
-                    let is_lost = !is_calm && dice.roll(8) == 0;
-                    let kind = message.subject.rsplit('.').next().unwrap().to_owned();
-                    let answer = match kind.as_str() {
-                        "hello" => {
-                            sessions += 1;
-                            let name = format!("s{sessions}");
-                            let answer = match !is_calm && dice.roll(4) == 0 {
-                                true => HelloAnswer::Refusal(FleetRefusal::default()),
-                                false => {
-                                    session = Some(name.clone());
-                                    HelloAnswer::Session(name)
-                                }
-                            };
-                            let answer = Some(answer);
-                            Some(Welcome { answer }.encode_to_vec())
-                        }
-                        "data" => {
-                            let batch = DataBatch::decode(&*message.payload).unwrap();
-                            let refuses = !is_calm && dice.roll(10) == 0;
-                            if !is_lost && !refuses {
-                                let id = message.id.clone().unwrap();
-                                let first = ids.entry(id).or_insert_with(|| {
-                                    for (entry, seq) in batch.entries.iter().zip(batch.seq..) {
-                                        stored.insert((batch.epoch.clone(), seq), entry.at_ms);
-                                    }
-                                    message.payload.clone()
-                                });
-                                // A server keeps the first one only.
-                                let kept = DataBatch::decode(&**first).unwrap();
-                                assert_eq!(kept.seq, batch.seq, "{seed}");
-                            }
-                            Some(match refuses {
-                                true => br#"{"error":{"description":"no leader"}}"#.to_vec(),
-                                false => TAKEN_IN.to_vec(),
-                            })
-                        }
-                        "beat" => {
-                            let beat = Beat::decode(&*message.payload).unwrap();
-                            assert!(beat.delivered <= beat.newest, "{seed}");
-                            None
-                        }
-                        _ => None,
-                    };
-                    if let (Some(number), Some(answer), false) = (message.answer, answer, is_lost) {
-                        let times = if !is_calm && dice.roll(10) == 0 { 2 } else { 1 };
-                        for _ in 0..times {
-                            let most = if is_calm { 50 } else { 15_000 };
-                            let late = Duration::from_millis(dice.roll(most));
-                            under_way.push((site.now + late, number, Some(answer.clone())));
-                        }
-                    }
-                }
-                UplinkOutput::Delivered(epoch, to, _) => {
-                    assert_eq!(epoch, site.disk.epoch(), "{seed}");
-                    assert!(to > site.disk.delivered, "{seed}: delivered twice");
-                    for number in site.disk.delivered + 1..=to {
-                        let key = (epoch.to_string(), number);
-                        assert!(stored.contains_key(&key), "{seed}: {key:?} is nowhere");
-                    }
-                    site.disk.delivered = to;
-                    site.disk.entries = site.disk.entries.split_off(&(to + 1));
-                }
-                _ => {}
-            }
-        }
-        // What comes next: an answer, a deadline, or something that happens.
-        under_way.sort_by_key(|(at, ..)| *at);
-        let chance = site.now + Duration::from_millis(1 + dice.roll(20_000));
-        let next = [
-            under_way.first().map(|(at, ..)| *at),
-            site.uplink.deadline(),
-            Some(chance),
-        ];
-        let next = next.into_iter().flatten().min().unwrap();
-        site.now = next.max(site.now);
-        if under_way.first().is_some_and(|(at, ..)| *at <= site.now) {
-            let (_, number, answer) = under_way.remove(0);
-            if is_connected {
-                site.handle(UplinkInput::Answer(number, answer.as_deref()));
-            }
-        } else if chance <= site.now {
-            match dice.roll(20) {
-                0 if !is_calm => {
-                    is_connected = !is_connected;
-                    site.handle(match is_connected {
-                        true => UplinkInput::Connected,
-                        false => UplinkInput::Lost,
-                    });
-                    under_way.clear();
-                }
-                1 if !is_calm => {
-                    if let Some(session) = session.take() {
-                        site.handle(UplinkInput::Ended(&session));
-                    }
-                }
-                2 if !is_calm && dice.roll(5) == 0 => {
-                    // The file was broken: what it had is lost, and said to be.
-                    let keep = |(epoch, number): &(String, u64)| {
-                        *epoch != *site.disk.epoch() || *number <= site.disk.delivered
-                    };
-                    appended.retain(|key, _| keep(key));
-                    site.disk = Disk {
-                        epoch: site.disk.epoch + 1,
-                        ..Disk::default()
-                    };
-                    site.stored();
-                }
-                3 => {
-                    // A restart: what is on the disk stays.
-                    site.uplink = Uplink::new(identity());
-                    site.stored();
-                    under_way.clear();
-                    if is_connected {
-                        site.handle(UplinkInput::Connected);
-                    }
-                }
-                _ => {
-                    let count = match dice.roll(20) {
-                        0 => 1_500,
-                        _ => dice.roll(4),
-                    };
-                    let before = site.disk.newest;
-                    site.disk.append(if is_calm { 0 } else { count });
-                    for number in before + 1..=site.disk.newest {
-                        let at = i64::try_from(number).unwrap();
-                        appended.insert((site.disk.epoch().to_string(), number), at);
-                    }
-                    site.stored();
-                }
-            }
-        }
+    site.disk.append(3);
+    site.stored();
+    let first = site.begin();
+    let late = first[2].answer.unwrap();
+    site.now = site.uplink.deadline().unwrap();
+    let mut fails = false;
+    while !fails {
+        fails = site
+            .outputs()
+            .iter()
+            .any(|output| matches!(output, UplinkOutput::Fails(UplinkFault::NotStored(_), _)));
+        site.now = site.uplink.deadline().unwrap().max(site.now);
     }
-    assert_eq!(site.uplink.behind(), 0, "{seed}: something is left");
-    for (key, at) in &appended {
-        assert_eq!(stored.get(key), Some(at), "{seed}: {key:?}");
-    }
+    site.answer(late, TAKEN_IN);
+    let delivered = UplinkOutput::Delivered("E0".into(), 3, 3);
+    assert!(site.outputs().contains(&delivered));
+    assert_eq!(site.uplink.behind(), 0);
 }
 
 #[test]
-fn whatever_is_lost_late_doubled_or_reordered_all_arrives_and_nothing_is_said_to_that_did_not() {
-    for seed in 0..60 {
-        play(seed);
+fn while_the_disk_takes_nothing_it_does_not_say_that_it_is_there() {
+    let mut site = Site::new();
+    site.begin();
+    let mut head = site.disk.head();
+    head.is_failing = true;
+    site.handle(UplinkInput::Stored(head));
+    let fails = site.outputs();
+    assert!(
+        matches!(
+            fails[..],
+            [UplinkOutput::Fails(UplinkFault::NotRecorded, _)]
+        ),
+        "{fails:?}"
+    );
+    for _ in 0..10 {
+        site.now += BEAT;
+        assert!(!what(&site.published()).contains(&"beat"));
     }
+    site.stored();
+    assert!(what(&site.published()).contains(&"beat"));
+}
+
+#[test]
+fn nothing_of_a_session_is_said_after_it() {
+    let mut site = Site::new();
+    site.handle(UplinkInput::Connected(MESSAGE_MAX));
+    let hello = site.published();
+    site.is_welcome(hello[0].answer.unwrap());
+    // Its beat is not sent yet.
+    site.handle(UplinkInput::Lost);
+    site.now += GATHER;
+    site.handle(UplinkInput::Connected(MESSAGE_MAX));
+    let next = site.outputs();
+    let hello = next
+        .iter()
+        .filter(|output| matches!(output, UplinkOutput::Publish(_)));
+    assert_eq!(hello.count(), 1, "{next:?}");
+    assert!(next.contains(&UplinkOutput::Unlisten));
+    assert!(
+        !next
+            .iter()
+            .any(|output| matches!(output, UplinkOutput::Listen(..)))
+    );
 }
