@@ -282,6 +282,8 @@ pub mod codes {
         FLEET_NOT_STORED = "E0945", 503;
         /// Also `reason`.
         FLEET_ENDED = "E0946", 502;
+        /// The centre asks for entries of another outbox.
+        FLEET_EPOCH = "E0947", 409;
         /// Also `reason`: its host ID.
         HOST_AWAY = "E0833", 503;
         /// Also `name`.

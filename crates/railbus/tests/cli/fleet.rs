@@ -87,6 +87,11 @@ fn what_can_be_no_fleet_leaves_nothing_behind() {
         let ran = site.run(&format!("fleet creds {at} {name} {at}.creds"));
         assert_eq!(ran.code, 2, "{name}: {ran:?}");
     }
+    // However a folder is written.
+    let slash = format!("{}/", site.folder.join("other").display());
+    assert_eq!(site.run(&format!("fleet init {slash} --nats a")).code, 0);
+    assert!(site.folder.join("other/server1/nats.conf").is_file());
+    std::fs::remove_dir_all(site.folder.join("other")).expect("it is there");
     // A key that is no key of a fleet.
     std::fs::write(acme.join("hub/site-signing.nk"), "SAAA\n").expect("it can be written");
     let broken = site.run(&format!("fleet creds {at} plant7 {at}.creds -o json"));

@@ -202,7 +202,7 @@ codes! {
             "从客户端复制，或执行 openssl x509 -noout -fingerprint -sha1 -in 文件"],
     }
     ConfigServers = "E0835" {
-        title: ["not the servers of a fleet", "不是站群的服务器"],
+        title: ["the servers of a fleet are not named as they must be", "站群服务器填写有误"],
         likely: ["a host name or IPv4 address, with a port or without, is wanted · none is named",
             "应为主机名或 IPv4 地址，可带端口 · 未填写"],
         next: ["servers = [\"nats1\", \"nats2:4222\"]", "servers = [\"nats1\", \"nats2:4222\"]"],

@@ -261,6 +261,13 @@ codes! {
         next: ["wait: it connects again, and changes are kept on the disk meanwhile",
             "等待即可：系统会重新连接，其间变化保存在磁盘上"],
     }
+    FleetEpoch = "E0947" {
+        title: ["these are the numbers of other entries", "这些编号属于其他记录"],
+        likely: ["the file with the changes of this site was broken, and begun anew",
+            "该站点的变化文件已损坏，并重新开始"],
+        next: ["what it had and was not delivered is lost; the site says so",
+            "其中未送达的内容已丢失，站点会说明"],
+    }
     Differs = "E1001" {
         title: ["differences were found", "发现差异"],
         likely: ["the modules' settings are not as configured", "模块设置与期望不同"],

@@ -4,14 +4,14 @@ use super::settings::FleetAccess;
 use crate::access::secret::{hex, random};
 use crate::northbound::broker::{tls_reason, trusting};
 use crate::northbound::outlet::Outlet;
-use async_nats::{Client, ConnectErrorKind, ConnectOptions, Event, Subscriber};
+use async_nats::{Client, ConnectErrorKind, ConnectOptions, Event, ServerError, Subscriber};
 use railbus_api::problem::{Problem, codes};
 use railbus_fleet::{SiteClaims, read_site_creds};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
-use tokio::sync::mpsc;
+use tokio::sync::watch;
 
 /// A server that does not answer within this time is left.
 const CONNECT_MAX: Duration = Duration::from_secs(10);
@@ -20,14 +20,25 @@ const PING: Duration = Duration::from_secs(10);
 /// After a connection was lost, the next try comes at a random moment of this time, the first one
 /// and all others: where a server fails, thousands of sites try.
 const AGAIN: [Duration; 2] = [Duration::from_secs(20), Duration::from_secs(60)];
-/// How many events of the connection wait.
-const EVENTS_MAX: usize = 64;
+/// How many commands to the client wait.
+const COMMANDS_MAX: usize = 64;
 
-/// A connection, which the client renews by itself.
+/// Whether there is a connection, and what a server complains of.
+#[derive(Clone, Debug, Default)]
+pub(super) struct LinkState {
+    /// How often it was lost.
+    pub(super) losses: u64,
+    pub(super) is_up: bool,
+    /// How often a server complained, and what it said last.
+    pub(super) complaints: u64,
+    pub(super) complaint: String,
+}
+
+/// A connection. Where it is lost, the client tries each server once more by itself; then it ends.
 pub(super) struct Connection {
     pub(super) client: Client,
-    /// What happens to it. Ends with it.
-    pub(super) events: mpsc::Receiver<Event>,
+    /// How it is. Ends with it.
+    pub(super) state: watch::Receiver<LinkState>,
     /// Where answers come: this, a dot, and the number of the message.
     pub(super) inbox: String,
     /// What comes there.
@@ -50,7 +61,7 @@ pub(super) fn credentials(path: &Path) -> Result<(SiteClaims, String), Problem> 
 }
 
 impl Connection {
-    /// Connects to one of the servers. Its files are read anew: credentials are renewed.
+    /// Connects to one of the servers, with the files as they are now: credentials are renewed.
     ///
     /// # Errors
     /// None of them can be reached, or they don't accept this site.
@@ -58,7 +69,10 @@ impl Connection {
         let access = FleetAccess::of(&outlet.settings.borrow());
         let (claims, creds) = credentials(&access.credentials)?;
         let tls = trusting(access.ca.as_deref(), None, codes::FLEET_FILE)?;
-        let (events, happened) = mpsc::channel(EVENTS_MAX);
+        let (told, state) = watch::channel(LinkState {
+            is_up: true,
+            ..LinkState::default()
+        });
         let is_open = Arc::new(AtomicBool::new(false));
         let was_open = Arc::clone(&is_open);
         let internal =
@@ -78,14 +92,16 @@ impl Connection {
             .ignore_discovered_servers()
             .connection_timeout(CONNECT_MAX)
             .ping_interval(PING)
+            .client_capacity(COMMANDS_MAX)
             .read_buffer_capacity(2_048)
+            // Whoever is not let in any more has to read his files anew.
+            .max_reconnects(access.servers.len())
             .reconnect_delay_callback(move |tries| match was_open.load(Ordering::Relaxed) {
                 true => delay(tries),
                 false => Duration::ZERO,
             })
             .event_callback(move |event| {
-                // One too many is of no importance: what it says shows anyway.
-                let _ = events.try_send(event);
+                told.send_modify(|told| happened(told, event));
                 std::future::ready(())
             });
         let servers: Vec<String> = access
@@ -101,11 +117,26 @@ impl Connection {
         let answers = answers.map_err(|error| internal(&error))?;
         let connection = Connection {
             client,
-            events: happened,
+            state,
             inbox,
             answers,
         };
         Ok((connection, claims))
+    }
+}
+
+fn happened(told: &mut LinkState, event: Event) {
+    match event {
+        Event::Connected => told.is_up = true,
+        Event::Disconnected => {
+            told.losses += 1;
+            told.is_up = false;
+        }
+        Event::ServerError(ServerError::Other(complaint)) => {
+            told.complaints += 1;
+            told.complaint = complaint;
+        }
+        _ => {}
     }
 }
 

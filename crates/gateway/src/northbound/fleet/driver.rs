@@ -1,21 +1,23 @@
 //! Drives the site's side of its way to the centre.
 
-use super::connection::{Connection, credentials};
+use super::connection::{Connection, LinkState, credentials};
 use super::settings::FleetAccess;
 use crate::access::secret::random;
 use crate::northbound::broker::session::wait;
 use crate::northbound::outbox::{self, OutboxHandle, OutboxState, Reading, StateAt};
 use crate::northbound::outlet::Outlet;
-use async_nats::{Event, HeaderMap, Message, ServerError, StatusCode, Subscriber};
+use async_nats::{HeaderMap, Message, StatusCode, Subscriber};
 use futures_core::Stream;
 use prost::Message as _;
 use railbus_api::problem::{Problem, codes};
-use railbus_fleet::message::FleetRefusal;
+use railbus_fleet::message::{FleetRefusal, Resend, ResendAnswer};
 use railbus_fleet::uplink::{
-    OutboxHead, READ_MAX, SiteIdentity, UpMessage, Uplink, UplinkFault, UplinkInput, UplinkOutput,
+    NoResend, OutboxHead, READ_MAX, SiteIdentity, UpMessage, Uplink, UplinkFault, UplinkInput,
+    UplinkOutput,
 };
 use railbus_store::durable;
 use railbus_store::history::millis;
+use std::io::ErrorKind;
 use std::pin::{Pin, pin};
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::{Duration, SystemTime};
@@ -33,15 +35,22 @@ const INSTALLATION_LEN: usize = 16;
 /// How everything is, while it is being found out.
 type Finding = Pin<Box<dyn Future<Output = Option<StateAt>>>>;
 
-struct Driver {
-    uplink: Uplink,
+/// What is recorded of the site, and what is being read of it.
+struct Recorded {
     outbox: OutboxHandle,
     reading: Option<Reading>,
     finding: Option<Finding>,
+}
+
+struct Driver {
+    uplink: Uplink,
+    recorded: Recorded,
     /// What the centre asks, in the session of this name.
     asked: Option<(String, Subscriber)>,
     /// How many failures were reported since it worked.
     failures: u32,
+    /// What is known of the connection.
+    link: LinkState,
     began: Instant,
     outlet: Outlet,
 }
@@ -49,18 +58,21 @@ struct Driver {
 /// Why a connection is no longer used.
 enum Ended {
     Stopped,
+    /// There is no outbox any more.
+    Gone,
     Broken(Problem),
 }
 
 /// Reports until it is to stop.
 pub(super) async fn run(outlet: Outlet) -> Result<(), Problem> {
-    let (_, outboxes) = outlet.left_behind();
+    let (kept, outboxes) = outlet.left_behind();
     outboxes.iter().for_each(|file| outbox::remove(file));
+    // What stays is removed by the next one.
+    kept.iter().for_each(|file| _ = std::fs::remove_file(file));
     let internal =
         |error: &dyn ToString| Problem::new(codes::INTERNAL).with("reason", error.to_string());
     let days = outlet.number("replay_days");
-    let outbox = outbox::start(&outlet, days, |_| true)?;
-    let outbox = outbox.ok_or_else(|| internal(&"no outbox"))?;
+    let outbox = outbox::start_for_again(&outlet, days)?;
     let installation = installation(&outlet).map_err(|error| internal(&error))?;
     let boot = random().map_err(|error| internal(&error))?;
     let own = SiteIdentity {
@@ -72,28 +84,51 @@ pub(super) async fn run(outlet: Outlet) -> Result<(), Problem> {
     };
     let mut driver = Driver {
         uplink: Uplink::new(own),
-        outbox,
-        reading: None,
-        finding: None,
+        recorded: Recorded {
+            outbox,
+            reading: None,
+            finding: None,
+        },
         asked: None,
         failures: 0,
+        link: LinkState::default(),
         began: Instant::now(),
         outlet,
     };
-    driver.work().await;
+    let end = driver.work().await;
     driver.end().await;
-    Ok(())
+    end
+}
+
+impl Recorded {
+    /// What happens next; none once there is no outbox. Can be dropped.
+    async fn next(&mut self) -> Option<UplinkInput<'static>> {
+        let finding = &mut self.finding;
+        let found = async {
+            let Some(under_way) = finding else {
+                return std::future::pending().await;
+            };
+            let found = under_way.await;
+            *finding = None;
+            found
+        };
+        Some(tokio::select! {
+            state = self.outbox.news() => UplinkInput::Stored(head(state?)),
+            read = outbox::read(&mut self.reading) => UplinkInput::Read(read),
+            found = found => UplinkInput::State(found),
+        })
+    }
 }
 
 impl Driver {
-    async fn work(&mut self) {
+    async fn work(&mut self) -> Result<(), Problem> {
         let stopped = self.outlet.stopped();
         let mut stopped = pin!(stopped);
         let mut tries = 0;
         loop {
             let begun = Instant::now();
             let opened = tokio::select! {
-                () = &mut stopped => return,
+                () = &mut stopped => return Ok(()),
                 opened = Connection::open(&self.outlet) => opened,
             };
             let problem = match opened {
@@ -104,7 +139,8 @@ impl Driver {
                     self.asked = None;
                     self.handle(UplinkInput::Lost);
                     match end {
-                        Ended::Stopped => return,
+                        Ended::Stopped => return Ok(()),
+                        Ended::Gone => return Err(gone()),
                         Ended::Broken(problem) => problem,
                     }
                 }
@@ -118,10 +154,15 @@ impl Driver {
             let again = Instant::now() + wait;
             loop {
                 tokio::select! {
-                    () = &mut stopped => return,
+                    () = &mut stopped => return Ok(()),
                     () = tokio::time::sleep_until(again) => break,
-                    () = next(&mut self.outbox, &mut self.reading, &mut self.finding,
-                              &mut self.uplink, self.began) => self.count(),
+                    input = self.recorded.next() => match input {
+                        Some(input) => {
+                            self.handle(input);
+                            self.count();
+                        }
+                        None => return Err(gone()),
+                    },
                 }
             }
         }
@@ -132,9 +173,15 @@ impl Driver {
         mut connection: Connection,
         mut stopped: Pin<&mut impl Future<Output = ()>>,
     ) -> Ended {
-        self.handle(UplinkInput::Connected);
+        self.link = connection.state.borrow_and_update().clone();
+        self.connected(&connection);
         loop {
-            if let Err(problem) = self.drive(&connection).await {
+            let driven = tokio::select! {
+                // A line that takes nothing must not hold up the end.
+                () = &mut stopped => return Ended::Stopped,
+                driven = self.drive(&connection) => driven,
+            };
+            if let Err(problem) = driven {
                 return Ended::Broken(problem);
             }
             let deadline = self.uplink.deadline().map(|at| self.began + at);
@@ -150,9 +197,12 @@ impl Driver {
                     let _ = tokio::time::timeout(LINGER, connection.client.flush()).await;
                     return Ended::Stopped;
                 }
-                event = connection.events.recv() => match event {
-                    Some(event) => self.happened(event),
-                    None => return Ended::Broken(ended(&"closed")),
+                changed = connection.state.changed() => match changed {
+                    Ok(()) => {
+                        let state = connection.state.borrow_and_update().clone();
+                        self.happened(&connection, state);
+                    }
+                    Err(_) => return Ended::Broken(ended(&"closed")),
                 },
                 answer = message(Some(&mut connection.answers)) => match answer {
                     Some(answer) => self.answered(&answer),
@@ -164,8 +214,10 @@ impl Driver {
                         None => self.asked = None,
                     }
                 }
-                () = next(&mut self.outbox, &mut self.reading, &mut self.finding,
-                          &mut self.uplink, self.began) => {}
+                input = self.recorded.next() => match input {
+                    Some(input) => self.handle(input),
+                    None => return Ended::Gone,
+                },
                 () = due => {}
             }
         }
@@ -175,17 +227,24 @@ impl Driver {
         self.uplink.handle(self.began.elapsed(), input);
     }
 
-    fn happened(&mut self, event: Event) {
-        match event {
-            Event::Connected => self.handle(UplinkInput::Connected),
-            Event::Disconnected => {
-                self.handle(UplinkInput::Lost);
-                self.failed(ended(&"disconnected"), None);
-            }
-            Event::ServerError(ServerError::Other(error)) => {
-                self.failed(ended(&error), None);
-            }
-            _ => {}
+    fn connected(&mut self, connection: &Connection) {
+        let most = connection.client.max_payload();
+        self.handle(UplinkInput::Connected(most));
+    }
+
+    fn happened(&mut self, connection: &Connection, state: LinkState) {
+        let before = std::mem::replace(&mut self.link, state);
+        // It may be there again already.
+        if self.link.losses != before.losses {
+            self.handle(UplinkInput::Lost);
+            self.failed(ended(&"disconnected"), None);
+        }
+        if self.link.is_up {
+            self.connected(connection);
+        }
+        if self.link.complaints != before.complaints {
+            let problem = ended(&self.link.complaint);
+            self.outlet.report.noted(problem, 1);
         }
     }
 
@@ -199,26 +258,41 @@ impl Driver {
         self.handle(UplinkInput::Answer(number, said));
     }
 
-    /// The centre asks something. Whatever it is: what is not known here is refused in words.
+    /// The centre asks something. Whatever it is, it is answered.
     async fn was_asked(&mut self, connection: &Connection, asked: Message) {
         let Some((session, _)) = &self.asked else {
             return;
         };
-        if asked.subject.ends_with(".end") {
-            let session = session.clone();
-            self.handle(UplinkInput::Ended(&session));
-        }
+        let said = match asked.subject.rsplit('.').next() {
+            Some("end") => {
+                let session = session.clone();
+                self.handle(UplinkInput::Ended(&session));
+                Vec::new()
+            }
+            Some("resend") => self.resend(&asked.payload).encode_to_vec(),
+            // The form of every answer that is a refusal.
+            _ => refused(&Problem::new(codes::NO_SUCH_PAGE)).encode_to_vec(),
+        };
         if let Some(reply) = asked.reply {
-            let refusal = FleetRefusal {
-                code: codes::NO_SUCH_PAGE.code.to_owned(),
-                reason: "this version does not know it".to_owned(),
-            };
-            let said = match asked.subject.ends_with(".end") {
-                true => Vec::new(),
-                false => refusal.encode_to_vec(),
-            };
             // Fails where the connection has ended.
             let _ = connection.client.publish(reply, said.into()).await;
+        }
+    }
+
+    fn resend(&mut self, asked: &[u8]) -> ResendAnswer {
+        let end = match Resend::decode(asked) {
+            Ok(asked) => self
+                .uplink
+                .resend(&asked.epoch, (asked.first, asked.last))
+                .map_err(|why| match why {
+                    NoResend::Epoch => Problem::new(codes::FLEET_EPOCH),
+                    NoResend::Busy => Problem::new(codes::OVERLOADED),
+                }),
+            Err(why) => Err(Problem::new(codes::BAD_REQUEST).with("reason", why.to_string())),
+        };
+        match end {
+            Ok(()) => ResendAnswer::default(),
+            Err(problem) => refused(&problem),
         }
     }
 
@@ -231,18 +305,25 @@ impl Driver {
             match output {
                 UplinkOutput::Publish(message) => publish(connection, message).await?,
                 UplinkOutput::Listen(subject, session) => {
+                    self.asked = None;
                     let asked = connection.client.subscribe(subject).await;
                     let asked = asked.map_err(|error| ended(&error))?;
                     self.asked = Some((session, asked));
                 }
+                UplinkOutput::Unlisten => self.asked = None,
                 UplinkOutput::Read(after) => {
-                    self.reading = Some(Box::pin(self.outbox.read(after, READ_MAX)));
+                    self.recorded.reading =
+                        Some(Box::pin(self.recorded.outbox.read(after, READ_MAX)));
+                }
+                UplinkOutput::ReadAgain(span) => {
+                    self.recorded.reading =
+                        Some(Box::pin(self.recorded.outbox.read_again(span, READ_MAX)));
                 }
                 UplinkOutput::FindState => {
-                    self.finding = Some(Box::pin(self.outbox.state()));
+                    self.recorded.finding = Some(Box::pin(self.recorded.outbox.state()));
                 }
                 UplinkOutput::Delivered(epoch, to, count) => {
-                    self.outbox.delivered(&epoch, to);
+                    self.recorded.outbox.delivered(&epoch, to);
                     let counts = self.outlet.report.counts();
                     counts.sent.fetch_add(count, Relaxed);
                 }
@@ -269,37 +350,15 @@ impl Driver {
 
     /// The outbox is closed, and removed with its outlet.
     async fn end(self) {
-        self.outbox.end(CLOSE_MAX).await;
+        self.recorded.outbox.end(CLOSE_MAX).await;
         let config = self.outlet.service.config();
         let now = config.outlets.get(&self.outlet.name);
         if now.is_none_or(|now| now.kind != super::KIND.name) {
             outbox::remove(&self.outlet.outbox_file());
+            // What stays is removed by the next outlet of this kind.
+            let _ = std::fs::remove_file(self.outlet.kept());
         }
     }
-}
-
-/// Waits for what happens to the outbox, and takes it. Can be dropped.
-async fn next(
-    outbox: &mut OutboxHandle,
-    reading: &mut Option<Reading>,
-    finding: &mut Option<Finding>,
-    uplink: &mut Uplink,
-    began: Instant,
-) {
-    let found = async {
-        let Some(under_way) = finding else {
-            return std::future::pending().await;
-        };
-        let found = under_way.await;
-        *finding = None;
-        found
-    };
-    let input = tokio::select! {
-        state = outbox.changed() => UplinkInput::Stored(head(state)),
-        read = outbox::read(reading) => UplinkInput::Read(read),
-        found = found => UplinkInput::State(found),
-    };
-    uplink.handle(began.elapsed(), input);
 }
 
 fn head(state: OutboxState) -> OutboxHead {
@@ -307,6 +366,7 @@ fn head(state: OutboxState) -> OutboxHead {
         epoch: state.epoch,
         newest: state.newest,
         delivered: state.delivered,
+        is_failing: state.is_failing,
     }
 }
 
@@ -336,6 +396,20 @@ async fn publish(connection: &Connection, message: UpMessage) -> Result<(), Prob
     end.map_err(|error| ended(&error))
 }
 
+fn refused(problem: &Problem) -> ResendAnswer {
+    ResendAnswer {
+        refusal: Some(FleetRefusal {
+            code: problem.code.clone(),
+            reason: problem.text("reason").to_owned(),
+        }),
+    }
+}
+
+/// The thread of the outbox has ended.
+fn gone() -> Problem {
+    Problem::new(codes::OUTBOX_FAILS).with("reason", "its thread has ended")
+}
+
 fn ended(reason: &dyn ToString) -> Problem {
     Problem::new(codes::FLEET_ENDED).with("reason", reason.to_string())
 }
@@ -350,6 +424,7 @@ fn problem(fault: UplinkFault) -> Problem {
         UplinkFault::NotStored(reason) => {
             Problem::new(codes::FLEET_NOT_STORED).with("reason", reason)
         }
+        UplinkFault::NotRecorded => Problem::new(codes::OUTBOX_FAILS),
         UplinkFault::StateTooLong(length) => Problem::new(codes::FLEET_NOT_STORED).with(
             "reason",
             format!("the picture of this site has {length} bytes"),
@@ -360,10 +435,15 @@ fn problem(fault: UplinkFault) -> Problem {
 /// The number of this installation, made the first time.
 fn installation(outlet: &Outlet) -> std::io::Result<[u8; INSTALLATION_LEN]> {
     let path = outlet.kept();
-    let kept = std::fs::read_to_string(&path).ok();
-    let kept = kept.and_then(|text| serde_json::from_str::<[u8; INSTALLATION_LEN]>(&text).ok());
-    if let Some(kept) = kept {
-        return Ok(kept);
+    match std::fs::read_to_string(&path) {
+        Ok(text) => {
+            if let Ok(kept) = serde_json::from_str(&text) {
+                return Ok(kept);
+            }
+        }
+        Err(error) if error.kind() == ErrorKind::NotFound => {}
+        // With another number it would be another machine to the centre.
+        Err(error) => return Err(error),
     }
     let made = random().map_err(std::io::Error::other)?;
     let text = serde_json::to_vec(&made)?;

@@ -27,8 +27,8 @@ const WORDS: (Pair, Pair) = (
     ["Fleet", "站群"],
     [
         "Reports to the centre of a fleet of sites, over NATS servers. Every change is kept on the \
-         disk until the servers have it.",
-        "通过 NATS 服务器向站群中心上报。每次变化先存盘，服务器确认后才删除。",
+         disk for some days.",
+        "通过 NATS 服务器向站群中心上报。每次变化先存盘，并保留数日。",
     ],
 );
 
@@ -39,8 +39,8 @@ const NOTES: &[Pair] = &[
         "站点名称写在凭据中，服务器不允许它以其他站点的名义发送任何内容。连接由本机发起，无需开放端口。",
     ],
     [
-        "Of two machines with the same credentials the centre hears only one.",
-        "两台机器使用同一凭据时，中心只接收其中一台。",
+        "Of two machines with the same credentials only one has a session with the centre.",
+        "两台机器使用同一凭据时，只有一台与中心建立会话。",
     ],
 ];
 
@@ -75,10 +75,11 @@ const FIELDS: &[Field] = &[
     ]),
     Field::new(
         "replay_days",
-        [
-            "Keep changes while the servers are away (days)",
-            "断线续传：变化保留天数",
-        ],
+        ["Keep changes (days)", "变化保留天数"],
         Shape::Number(1, 90, 7),
-    ),
+    )
+    .with_hint([
+        "Until the servers have them, and afterwards in case they lose them",
+        "送达之前保留；送达之后仍保留，以防服务器丢失",
+    ]),
 ];

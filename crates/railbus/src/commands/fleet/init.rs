@@ -12,7 +12,9 @@ use railbus_fleet::founding::{FoundedFile, NodeAddress, found};
 use railbus_store::durable;
 use railbus_words::{Code, Lang};
 use serde_json::json;
+use std::fs::DirBuilder;
 use std::io::ErrorKind;
+use std::os::unix::fs::DirBuilderExt as _;
 use std::path::{Path, PathBuf};
 
 /// The name of the command.
@@ -59,14 +61,22 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
 /// and never into one that has something in it.
 fn write(lang: Lang, folder: &Path, files: &[FoundedFile]) -> Result<(), Failure> {
     let failed = |error: &dyn std::fmt::Display| super::unusable(lang, folder, error);
+    // `acme/` is `acme`, and `.` has a name, too.
+    let folder: PathBuf = std::path::absolute(folder)
+        .map_err(|error| failed(&error))?
+        .components()
+        .collect();
+    let folder = &folder;
     if std::fs::read_dir(folder).is_ok_and(|mut found| found.next().is_some()) {
         return Err(failed(&lang.get(FleetText::NotEmpty)));
     }
     let draft = durable::beside(folder, &format!("{}.new", std::process::id()));
     let done = try_write(&draft, files).and_then(|()| std::fs::rename(&draft, folder));
     done.map_err(|error| {
-        // What is left of it has keys in it.
-        let _ = std::fs::remove_dir_all(&draft);
+        if error.kind() != ErrorKind::AlreadyExists {
+            // What is left of it has keys in it.
+            let _ = std::fs::remove_dir_all(&draft);
+        }
         match error.kind() {
             ErrorKind::DirectoryNotEmpty => failed(&lang.get(FleetText::NotEmpty)),
             _ => failed(&error),
@@ -75,7 +85,11 @@ fn write(lang: Lang, folder: &Path, files: &[FoundedFile]) -> Result<(), Failure
 }
 
 fn try_write(draft: &Path, files: &[FoundedFile]) -> std::io::Result<()> {
-    durable::folder(draft)?;
+    if let Some(parent) = draft.parent() {
+        durable::folder(parent)?;
+    }
+    // A new one: keys don't go where somebody else made room for them.
+    DirBuilder::new().mode(0o700).create(draft)?;
     for file in files {
         let path = draft.join(&file.path);
         if let Some(parent) = path.parent() {

@@ -30,7 +30,7 @@ railbus_words::texts! {
         zh: "其中已有内容，未作任何改动",
     }
     Head { en: "FOLDER|WHAT FOR", zh: "文件夹|用途" }
-    ForHub { en: "for the centre: with it sites are admitted", zh: "供中心使用：用于接纳站点" }
+    ForHub { en: "for the centre: who has it can be any site", zh: "供中心使用：持有者可冒充任何站点" }
     ForOffline {
         en: "all other keys: keep them on no machine of the fleet",
         zh: "其余密钥：不要保存在站群的任何机器上",
@@ -56,7 +56,7 @@ railbus_words::texts! {
         zh: "站点名由 1 至 64 个 a-z、0-9、- 或 _ 组成",
     }
     CredsMade {
-        en: "{site} can connect with it until {day}; carry it there on a way you trust",
+        en: "{site} can connect with it until {day}; carry it there by a way you trust",
         zh: "{site} 可用它连接至 {day}；请经可信途径送达",
     }
 }
