@@ -30,6 +30,8 @@ logging.getLogger("asyncio").setLevel(logging.ERROR)
 
 # What a server says where rights are missing.
 FORBIDDEN = "permissions violation"
+# After this time it is known that somebody listens, in seconds.
+INTEREST = 5.0
 # So long at most the client takes to tell of it, in seconds.
 SAID_WITHIN = 10.0
 
@@ -247,7 +249,7 @@ class Centre:
         """Asks a site; None if it does not listen."""
         async def asks():
             try:
-                return (await self.hub.request(subject, payload, timeout=PATIENCE)).data
+                return (await asked(self.hub, subject, payload)).data
             except nats.errors.NoRespondersError:
                 return None
 
@@ -268,10 +270,27 @@ class Centre:
         return [(message.headers, self.form.Batch.FromString(message.data))
                 for message in self.run(reads())]
 
+    def forget(self, stream="DATA"):
+        """The servers lose what a stream has."""
+        self.run(self.hub.jetstream(timeout=PATIENCE).purge_stream(stream))
+
     def close(self):
         """Ends it."""
         self.run(self.hub.close())
         self.loop.call_soon_threadsafe(self.loop.stop)
+
+
+async def asked(client, subject, payload, within=INTEREST):
+    """The answer to a request. That somebody listens takes a moment to be known in another
+    account."""
+    deadline = asyncio.get_running_loop().time() + within
+    while True:
+        try:
+            return await client.request(subject, payload, timeout=PATIENCE)
+        except nats.errors.NoRespondersError:
+            if asyncio.get_running_loop().time() > deadline:
+                raise
+            await asyncio.sleep(0.05)
 
 
 async def forbidden(client, act, subject):

@@ -11,7 +11,7 @@ import nats
 import nkeys
 from nats.js.errors import APIError
 
-from fleet import Fleet, forbidden, inside, write_creds
+from fleet import Fleet, asked, forbidden, inside, write_creds
 from modbus_tcp import PATIENCE
 from rig import Tally
 
@@ -132,7 +132,7 @@ async def own_ways(s):
     await s.own.subscribe(f"rb.down.{OWN}.*.*", cb=answer)
     await s.own.flush()
     for kind in ("cmd", "api", "watch", "resend"):
-        got = await s.hub.request(f"rb.down.{OWN}.s1.{kind}", kind.encode(), timeout=PATIENCE)
+        got = await asked(s.hub, f"rb.down.{OWN}.s1.{kind}", kind.encode())
         s.check(entry, got.data, b"done " + kind.encode(), kind)
     try:
         await s.hub.request(f"rb.down.{OTHER}.s1.cmd", b"", timeout=PATIENCE)
@@ -185,14 +185,14 @@ async def answers_elsewhere(s):
     entry = "an answer goes nowhere else"
     before, complaints = await s.counts(), len(s.own.said)
     sent = 0
-    for asked in ASKED:
+    for via in ASKED:
         for subject in FOREIGN[:-1]:
-            await s.own.publish(asked, b"deputy", reply=subject)
-            sent += asked.endswith(".data")
+            await s.own.publish(via, b"deputy", reply=subject)
+            sent += via.endswith(".data")
     await s.own.flush(timeout=PATIENCE)
     # The last answer of each kind comes after all the others.
-    for asked in ASKED:
-        await s.own.request(asked, b"last", timeout=PATIENCE)
+    for via in ASKED:
+        await s.own.request(via, b"last", timeout=PATIENCE)
     s.check(entry, await s.said(b"3"), True, "a beat of the other")
     after = await s.counts()
     own = {f"rb.up.{OWN}.{kind}" for kind in ("data", "event", "state")}
@@ -289,18 +289,22 @@ async def centre(s):
     streams = s.hub.jetstream(timeout=PATIENCE)
     await streams.publish("rb.audit", b"somebody did something")
     for subject in ("$JS.API.STREAM.DELETE.AUDIT", "$JS.API.STREAM.PURGE.AUDIT",
-                    "$JS.API.STREAM.MSG.DELETE.AUDIT", f"rb.up.{OWN}.data"):
+                    "$JS.API.STREAM.MSG.DELETE.AUDIT", "$JS.API.STREAM.UPDATE.AUDIT",
+                    "$JS.API.STREAM.RESTORE.AUDIT", f"rb.up.{OWN}.data"):
         said = await forbidden(
             s.hub, lambda subject=subject: s.hub.publish(subject, b'{"seq": 1}'), subject)
         s.check(entry, said, 1, subject)
-    for change in ({"deny_delete": False}, {"deny_purge": False}):
-        info = await streams.stream_info("AUDIT")
-        try:
-            await streams.update_stream(info.config.evolve(**change))
-            got = "changed"
-        except APIError:
-            got = "refused"
-        s.check(entry, got, "refused", str(change))
+    # Other streams may have other limits.
+    info = await streams.stream_info("LEDGER")
+    await streams.update_stream(info.config.evolve(max_msgs_per_subject=4))
+    # What is created again has no other limits.
+    with_limit = (await streams.stream_info("AUDIT")).config.evolve(max_msgs=1)
+    try:
+        await streams.add_stream(with_limit)
+        got = "changed"
+    except APIError:
+        got = "refused"
+    s.check(entry, got, "refused", "created with another limit")
     s.check(entry, (await s.counts()).get("rb.audit"), 1, "in the stream")
     entry = "the system key does what it is for"
     system = await s.fleet.connect(s.fleet.hub("system.creds"), "_INBOX.system")

@@ -1,7 +1,9 @@
 """The daemon as a site of a fleet, in front of real servers and of a centre by others: every change
 arrives once it is there again, in its order, and nothing is said without a session."""
 
+import shutil
 import signal
+import time
 
 from fleet import Centre, Fleet, inside, write_creds
 from modbus_tcp import HOST, until
@@ -9,6 +11,8 @@ from outlet_plant import OutletPlant
 from rig import Tally
 
 SITE = "plant7"
+# So long something would have happened, in seconds.
+LONG = 12.0
 
 
 class Plant(OutletPlant):
@@ -29,18 +33,14 @@ class Plant(OutletPlant):
         return outlet["state"], outlet.get("last_error", {}).get("problem", {}).get("code")
 
     def entries(self):
-        """What the servers have of this site: each entry by its number, and the numbers in the
-        order in which each came first."""
-        found, order = {}, []
+        """What the servers have of this site: each entry by its number, and the numbers in their
+        order. They may come in another one."""
+        found = {}
         for _, batch in self.centre.stored():
             for seq, entry in enumerate(batch.entries, batch.seq):
-                key = (batch.epoch, seq)
-                if key not in found:
-                    order.append(key)
-                    found[key] = entry
-                elif found[key] != entry:
-                    raise RuntimeError(f"{key} is {found[key]} and {entry}")
-        return found, order
+                if found.setdefault((batch.epoch, seq), entry) != entry:
+                    raise RuntimeError(f"{seq} is {found[batch.epoch, seq]} and {entry}")
+        return found, sorted(found)
 
     def newest(self, path):
         """The newest reading of a point that the servers have: value, quality, reason."""
@@ -59,7 +59,7 @@ class Plant(OutletPlant):
         return self.newest(path)
 
     def gaps(self):
-        """What is missing, comes out of order, or is said to be missing."""
+        """What is missing, or is said to be missing."""
         found, order = self.entries()
         missing = [f"{key} after {before}" for before, key in zip(order, order[1:])
                    if key != (before[0], before[1] + 1)]
@@ -100,8 +100,8 @@ def talks(s):
     ids = [headers["Nats-Msg-Id"] for headers, _ in s.centre.stored()]
     s.check(entry, len(ids), len(set(ids)), "every message once")
     s.check(entry, s.state()[0], "running", "how it says it does")
-    answer = form.Refusal.FromString(s.centre.ask(f"rb.down.{SITE}.session-1.cmd"))
-    s.check(entry, answer.code, "E0110", "what this version does not know")
+    answer = form.ResendAnswer.FromString(s.centre.ask(f"rb.down.{SITE}.session-1.cmd"))
+    s.check(entry, answer.refusal.code, "E0110", "what this version does not know")
     s.check(entry, s.centre.ask(f"rb.down.{SITE}.session-0.cmd"), None, "another session")
     tried = s.ask("POST", f"/outlets/fleet/{s.name}/test")
     s.check(entry, tried["answer"].startswith(f"{SITE}, nats-server 2."), True, str(tried))
@@ -128,6 +128,33 @@ def servers_away(s):
     s.check(entry, told[-4:], [True, False, True, False], "every change in its order")
     s.check(entry, s.gaps(), [], "none is missing")
     s.check(entry, until(lambda: s.outlet()["queue"] == 0), True, "nothing waits any more")
+
+
+def servers_forget(s):
+    """What servers have acknowledged and lost is asked for again, also after a restart."""
+    entry = "servers that lose what they acknowledged"
+    form = s.centre.form
+    session = f"session-{s.centre.sessions + 1}"
+    s.daemon.end("TERM")
+    s.daemon.start()
+    until(lambda: s.centre.heard["beat"][-1][1].session == session and s.outlet()["queue"] == 0)
+    s.check(entry, s.centre.heard["beat"][-1][1].session, session, "a session")
+    before, order = s.entries()
+    s.centre.forget()
+    s.check(entry, s.entries()[1], [], "all is gone")
+    ask = f"rb.down.{SITE}.{session}.resend"
+    wanted = form.Resend(epoch=order[0][0], first=order[0][1], last=order[-1][1])
+    answer = form.ResendAnswer.FromString(s.centre.ask(ask, wanted.SerializeToString()))
+    s.check(entry, answer.refusal.code, "", "it is on its way")
+    until(lambda: set(before) <= set(s.entries()[0]))
+    after, _ = s.entries()
+    s.check(entry, {key: after.get(key) for key in before}, before, "all is there again")
+    wanted.epoch = "another"
+    answer = form.ResendAnswer.FromString(s.centre.ask(ask, wanted.SerializeToString()))
+    s.check(entry, answer.refusal.code, "E0947", "of another outbox")
+    answer = form.ResendAnswer.FromString(s.centre.ask(ask, b"\xff\xff"))
+    s.check(entry, answer.refusal.code, "E0806", "no message")
+    s.check(entry, s.outlet()["queue"], 0, "nothing waits")
 
 
 def centre_away(s):
@@ -159,7 +186,7 @@ def centre_away(s):
     hellos = [hello for _, hello in s.centre.heard["hello"]]
     s.check(entry, len({hello.installation for hello in hellos}), 1, "one installation")
     s.check(entry, len({hello.epoch for hello in hellos}), 1, "numbers go on")
-    s.check(entry, len({hello.boot for hello in hellos}), 3, "three runs")
+    s.check(entry, len({hello.boot for hello in hellos}), 4, "four runs")
 
     entry = "a session that the centre ends"
     session = f"session-{s.centre.sessions}"
@@ -167,10 +194,14 @@ def centre_away(s):
     until(lambda: s.outlet()["queue"] == 0)
     s.check(entry, s.centre.ask(f"rb.down.{SITE}.{session}.end"), b"", "it is answered")
     until(lambda: s.state()[1] == "E0944")
-    count = len(s.centre.stored())
+    count, beats = len(s.centre.stored()), len(s.centre.heard["beat"])
     s.ask("PUT", "/points/oven/k1", {"value": False})
     s.check(entry, until(lambda: s.outlet()["queue"] > 0), True, "changes wait")
+    # Longer than it takes where it goes on: a beat comes every 10 s, a change within 2 s.
+    time.sleep(LONG)
     s.check(entry, len(s.centre.stored()), count, "no data after it")
+    s.check(entry, len(s.centre.heard["beat"]), beats, "no beat after it")
+    s.check(entry, s.centre.ask(f"rb.down.{SITE}.{session}.resend"), None, "it does not listen")
 
 
 def keys(s, other):
@@ -197,6 +228,31 @@ def keys(s, other):
         s.daemon.process.send_signal(signal.SIGHUP)
         until(lambda code=code: s.state()[1] == code)
         s.check(entry, s.state()[1], code, what)
+    s.settings = before
+
+
+def renewed(s, other):
+    """Credentials that are replaced while it runs are read without a restart."""
+    entry = "credentials that are replaced"
+    s.settings = {**s.settings, "credentials": str(s.fleet.folder / "replaced.creds")}
+    shutil.copy(s.fleet.creds(SITE), s.settings["credentials"])
+    s.centre.refusal = None
+    s.daemon.config.write_text(s.text(), encoding="utf-8")
+    s.daemon.process.send_signal(signal.SIGHUP)
+    count = len(s.centre.heard["hello"])
+    until(lambda: len(s.centre.heard["hello"]) > count)
+    s.check(entry, s.centre.heard["hello"][-1][0], SITE, "before")
+    error = lambda: s.outlet().get("last_error", {})
+    before = error().get("at")
+    s.fleet.kill(0)
+    # It has tried with all that it had.
+    until(lambda: error().get("at") != before and s.state()[1] == "E0940")
+    s.check(entry, s.state()[1], "E0940", "nobody is there")
+    shutil.copy(other, s.settings["credentials"])
+    s.fleet.start(0)
+    s.centre.again()
+    until(lambda: s.centre.heard["hello"][-1][0] == "plant8")
+    s.check(entry, s.centre.heard["hello"][-1][0], "plant8", "afterwards")
 
 
 def suite():
@@ -208,8 +264,11 @@ def suite():
             with Plant(fleet, centre, tally) as s:
                 talks(s)
                 servers_away(s)
+                servers_forget(s)
                 centre_away(s)
-                keys(s, fleet.creds("plant8"))
+                other = fleet.creds("plant8")
+                keys(s, other)
+                renewed(s, other)
         finally:
             centre.close()
     return tally

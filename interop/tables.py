@@ -699,9 +699,11 @@ the system key does what it is for
 FLEET_SITE = """
 a site and its centre
 servers that are away
+servers that lose what they acknowledged
 a centre that is away or refuses
 a session that the centre ends
 a site that is not let in
+credentials that are replaced
 """
 
 # The daemon's Modbus RTU slave, in front of the same modules ----------------------------------
