@@ -7,6 +7,7 @@ use crate::northbound::outlet::Outlet;
 use async_nats::{Client, ConnectErrorKind, ConnectOptions, Event, ServerError, Subscriber};
 use railbus_api::problem::{Problem, codes};
 use railbus_fleet::{SiteClaims, read_site_creds};
+use std::error::Error as _;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -157,6 +158,8 @@ fn unreached(error: async_nats::ConnectError) -> Problem {
         _ if tls_reason(&error).is_some() => codes::FLEET_TLS,
         _ => codes::FLEET_UNREACHED,
     };
-    let reason = tls_reason(&error).unwrap_or_else(|| error.to_string());
-    Problem::new(code).with("reason", reason)
+    // What the system said, without the library's word for it.
+    let source = error.source().map(ToString::to_string);
+    let reason = tls_reason(&error).or(source);
+    Problem::new(code).with("reason", reason.unwrap_or_else(|| error.to_string()))
 }
