@@ -32,6 +32,8 @@ logging.getLogger("asyncio").setLevel(logging.ERROR)
 FORBIDDEN = "permissions violation"
 # After this time it is known that somebody listens, in seconds.
 INTEREST = 5.0
+# A question that may be lost is asked again after this time, in seconds.
+ASKED_AGAIN = 2.0
 # So long at most the client takes to tell of it, in seconds.
 SAID_WITHIN = 10.0
 
@@ -162,7 +164,7 @@ class Fleet:
 
     async def make_streams(self, hub):
         """Makes the streams, which may be there already."""
-        streams = hub.jetstream(timeout=PATIENCE)
+        streams = hub.jetstream(timeout=ASKED_AGAIN)
         for name, subject, more in STREAMS:
             config = api.StreamConfig(
                 name=name, subjects=[subject], num_replicas=len(self.ports), **more)
@@ -204,7 +206,7 @@ class Centre:
 
     def run(self, what):
         """Does this on its thread."""
-        return asyncio.run_coroutine_threadsafe(what, self.loop).result(PATIENCE)
+        return asyncio.run_coroutine_threadsafe(what, self.loop).result(2 * PATIENCE)
 
     async def _start(self):
         self.hub = await self.fleet.centre()
@@ -269,6 +271,27 @@ class Centre:
 
         return [(message.headers, self.form.Batch.FromString(message.data))
                 for message in self.run(reads())]
+
+    def leader_elsewhere(self, stream="DATA"):
+        """The place of the server that leads a stream, once that is not the one to which this
+        centre is connected."""
+        async def finds():
+            # Questions are lost while nobody leads.
+            streams = self.hub.jetstream(timeout=ASKED_AGAIN)
+            deadline = asyncio.get_running_loop().time() + PATIENCE / 2
+            while asyncio.get_running_loop().time() < deadline:
+                try:
+                    cluster = (await streams.stream_info(stream)).cluster
+                except (nats.errors.Error, asyncio.TimeoutError):
+                    continue
+                if cluster and cluster.leader and cluster.leader != "server1":
+                    return int(cluster.leader.removeprefix("server")) - 1
+                await self.hub.publish(f"$JS.API.STREAM.LEADER.STEPDOWN.{stream}",
+                                       b'{"placement": {"preferred": "server2"}}')
+                await asyncio.sleep(0.5)
+            return 0
+
+        return self.run(finds())
 
     def forget(self, stream="DATA"):
         """The servers lose what a stream has."""

@@ -13,6 +13,8 @@ from rig import Tally
 SITE = "plant7"
 # So long something would have happened, in seconds.
 LONG = 12.0
+# How often a server dies, and how often a relay is switched before and after that.
+DEATHS, SWITCHES = 3, 8
 
 
 class Plant(OutletPlant):
@@ -274,4 +276,46 @@ def suite():
     return tally
 
 
-SUITES = [("fleet: a site and its centre", suite)]
+def leaders():
+    """Three servers, of which the one that takes the data dies, again and again, while relays are
+    switched: every change is there in the end, and none is there twice with another value."""
+    tally, entry = Tally("fleet, leaders"), "leaders that die"
+    with Fleet(3) as fleet:
+        centre = Centre(fleet)
+        try:
+            with Plant(fleet, centre, tally) as s:
+                until(lambda: s.newest("oven.k1"))
+                switched = [False]
+                for _ in range(DEATHS):
+                    leader = centre.leader_elsewhere()
+                    s.check(entry, leader > 0, True, "it is not the one of the centre")
+                    switched += switch(s, switched[-1])
+                    fleet.kill(leader)
+                    switched += switch(s, switched[-1])
+                    fleet.start(leader)
+                until(lambda: s.outlet()["queue"] == 0 and told(s) == switched)
+                s.check(entry, told(s), switched, "every change in its order")
+                s.check(entry, s.gaps(), [], "none is missing")
+        finally:
+            centre.close()
+    return tally
+
+
+def switch(s, before):
+    """Switches a relay to and fro; the values that it had."""
+    values = [not before if nth % 2 == 0 else before for nth in range(SWITCHES)]
+    for value in values:
+        answer = s.ask("PUT", "/points/oven/k1", {"value": value})
+        s.check("leaders that die", answer["value"], value, "switched")
+    return values
+
+
+def told(s):
+    """The values of the relay that the servers have, in the order of their numbers."""
+    found, order = s.entries()
+    readings = [found[key].reading for key in order]
+    good = s.centre.form.Quality.GOOD
+    return [each.on for each in readings if each.path == "oven.k1" and each.quality == good]
+
+
+SUITES = [("fleet: a site and its centre", suite), ("fleet: leaders that die", leaders)]

@@ -706,6 +706,10 @@ a site that is not let in
 credentials that are replaced
 """
 
+FLEET_LEADERS = """
+leaders that die
+"""
+
 # The daemon's Modbus RTU slave, in front of the same modules ----------------------------------
 
 MODBUS_RTU_SLAVE = """
@@ -746,6 +750,7 @@ TABLES = {
     "one truth": ONE_TRUTH,
     "fleet": FLEET,
     "fleet, a site": FLEET_SITE,
+    "fleet, leaders": FLEET_LEADERS,
     "Modbus RTU slave": MODBUS_RTU_SLAVE,
 }
 
