@@ -115,6 +115,12 @@ impl RxBuffer {
         }
     }
 
+    /// Whether others were heard since the last good reply, or while the request was sent.
+    pub(crate) const fn is_disturbed(&self) -> bool {
+        // Its own echo is none of theirs.
+        self.busy_since.is_some() || self.early > self.reply_at
+    }
+
     const fn lacks_echo(&self) -> bool {
         matches!(self.echo, Echo::Yes { .. }) && self.reply_at == 0 && !self.is_bare
     }
