@@ -37,6 +37,9 @@ const TAKEN: Duration = Duration::from_secs(300);
 /// When it says again how everything is, if that did not arrive.
 const STATE_AGAIN: Duration = Duration::from_secs(60);
 
+/// How many messages that say how everything is are remembered: their answers count.
+const STATES_MAX: usize = 4;
+
 /// What a site says of itself.
 #[derive(Clone, Debug)]
 pub struct SiteIdentity {
@@ -63,6 +66,8 @@ pub enum UplinkInput<'i> {
     Ended(&'i str),
     /// So much is in the outbox.
     Stored(OutboxHead),
+    /// The disk of the outbox hangs, or does no longer.
+    Stuck(bool),
     /// What was read of it; none if that can't be now. A piece without entries has none of those
     /// that were wanted again.
     Read(Option<(Arc<str>, Piece)>),
@@ -144,13 +149,14 @@ pub struct Uplink {
     beat_at: Option<Duration>,
     state_at: Option<Duration>,
     is_finding_state: bool,
-    /// The number of the last message that said how everything is.
-    state_asked: Option<u64>,
-    /// How many bytes it has.
+    /// The numbers of the last messages that said how everything is.
+    states_asked: VecDeque<u64>,
+    /// How many bytes the last one has, until it is answered.
     state_len: usize,
     /// It was too long: the centre does not know how everything is.
     is_state_missing: bool,
     transfer: Transfer,
+    is_stuck: bool,
     /// The longest message on this connection.
     message_max: usize,
     /// The wall clock, in milliseconds since 1970.
@@ -169,10 +175,11 @@ impl Uplink {
             beat_at: None,
             state_at: None,
             is_finding_state: false,
-            state_asked: None,
+            states_asked: VecDeque::new(),
             state_len: 0,
             is_state_missing: false,
             transfer: Transfer::default(),
+            is_stuck: false,
             message_max: MESSAGE_MAX,
             clock_ms: 0,
         }
@@ -190,6 +197,9 @@ impl Uplink {
                 self.message_max = message_max;
                 if self.session == Session::Offline {
                     self.session = Session::Waits(now);
+                    if !self.can_vouch() {
+                        self.not_recorded();
+                    }
                 }
             }
             UplinkInput::Lost => self.leave(Session::Offline),
@@ -202,17 +212,19 @@ impl Uplink {
                 }
             }
             UplinkInput::Stored(head) => {
-                let before = self.transfer.head();
-                let is_other = before.epoch != head.epoch;
-                if head.is_failing && !before.is_failing {
-                    self.outputs
-                        .push_back(UplinkOutput::Fails(UplinkFault::NotRecorded, AWAY));
-                }
+                let is_other = self.transfer.head().epoch != head.epoch;
+                let could = self.can_vouch();
                 self.transfer.stored(now, head);
+                self.vouches(could);
                 if is_other {
                     // Numbers mean something else from now on.
                     self.state_at = None;
                 }
+            }
+            UplinkInput::Stuck(is_stuck) => {
+                let could = self.can_vouch();
+                self.is_stuck = is_stuck;
+                self.vouches(could);
             }
             UplinkInput::Read(read) => self.read(now, read),
             UplinkInput::State(state) => self.state(now, state),
@@ -244,11 +256,38 @@ impl Uplink {
             Session::Offline => return None,
             Session::Waits(at) => return self.can_ask().then_some(at),
             Session::Asked(_, by) => return Some(by),
-            Session::Has(_) => self.beat_at.filter(|_| !self.transfer.head().is_failing),
+            Session::Has(_) => self.beat_at.filter(|_| self.can_vouch()),
         };
         let state = self.state_at.filter(|_| !self.is_finding_state);
         let data = self.transfer.deadline();
         [session, state, data].into_iter().flatten().min()
+    }
+
+    /// Whether what is recorded is all that happened.
+    const fn can_vouch(&self) -> bool {
+        !self.transfer.head().is_failing && !self.is_stuck
+    }
+
+    /// It can vouch for what it has told, or can't any more.
+    fn vouches(&mut self, could: bool) {
+        match (could, self.can_vouch()) {
+            (true, false) => self.not_recorded(),
+            (false, true) => self.works(),
+            _ => {}
+        }
+    }
+
+    fn not_recorded(&mut self) {
+        let fault = UplinkOutput::Fails(UplinkFault::NotRecorded, AWAY);
+        self.outputs.push_back(fault);
+    }
+
+    /// Unless something else is wrong.
+    fn works(&mut self) {
+        let has_session = matches!(self.session, Session::Has(_));
+        if has_session && self.can_vouch() && !self.is_state_missing {
+            self.outputs.push_back(UplinkOutput::Works);
+        }
     }
 
     /// How many entries the centre does not have.
@@ -273,7 +312,7 @@ impl Uplink {
     }
 
     fn can_ask(&self) -> bool {
-        !self.transfer.head().epoch.is_empty() && !self.transfer.head().is_failing
+        !self.transfer.head().epoch.is_empty() && self.can_vouch()
     }
 
     fn ask(&mut self, now: Duration) {
@@ -310,13 +349,14 @@ impl Uplink {
             matches!(output, UplinkOutput::Publish(_) | UplinkOutput::Listen(..))
         };
         self.outputs.retain(|output| !is_said(output));
-        (self.state_asked, self.state_len) = (None, 0);
+        self.states_asked.clear();
+        self.state_len = 0;
         self.transfer.begin_anew(None);
     }
 
     fn work(&mut self, now: Duration) {
         // Whoever hears that it is there believes what it told last.
-        if self.beat_at.is_none_or(|at| at <= now) && !self.transfer.head().is_failing {
+        if self.beat_at.is_none_or(|at| at <= now) && self.can_vouch() {
             self.beat_at = Some(now + BEAT);
             self.beat(now);
         }
@@ -399,8 +439,14 @@ impl Uplink {
             return;
         }
         let number = self.next_number();
-        self.state_asked = Some(number);
+        self.states_asked.push_back(number);
+        if self.states_asked.len() > STATES_MAX {
+            self.states_asked.pop_front();
+        }
         self.state_len = payload.len();
+        // On a slow line it takes longer.
+        let patience = self.transfer.patience(self.state_len);
+        self.state_at = Some(now + patience.max(STATE_AGAIN));
         self.publish("state", None, payload, Some(number));
     }
 
@@ -413,8 +459,8 @@ impl Uplink {
             }
             return;
         }
-        if self.state_asked == Some(number) {
-            (self.state_asked, self.state_len) = (None, 0);
+        if self.states_asked.contains(&number) {
+            self.state_len = 0;
             if is_stored(answer, "STATE").is_ok() {
                 self.state_at = Some(now + STATE);
                 self.is_state_missing = false;
@@ -432,9 +478,7 @@ impl Uplink {
                 let epoch = Arc::clone(&self.transfer.head().epoch);
                 self.outputs
                     .push_back(UplinkOutput::Delivered(epoch, to, count));
-                if !self.is_state_missing && !self.transfer.head().is_failing {
-                    self.outputs.push_back(UplinkOutput::Works);
-                }
+                self.works();
             }
         }
     }
@@ -445,8 +489,8 @@ impl Uplink {
                 let subjects = format!("rb.down.{}.{session}.*", self.own.site);
                 let listen = UplinkOutput::Listen(subjects, session.clone());
                 self.outputs.push_back(listen);
-                self.outputs.push_back(UplinkOutput::Works);
                 self.session = Session::Has(session);
+                self.works();
                 (self.beat_at, self.state_at) = (None, None);
             }
             Some(HelloAnswer::Refusal(refusal)) => {

@@ -35,6 +35,7 @@ struct Disk {
     entries: BTreeMap<u64, OutboxEntry>,
     newest: u64,
     delivered: u64,
+    is_failing: bool,
 }
 
 impl Disk {
@@ -54,7 +55,7 @@ impl Disk {
             epoch: self.epoch(),
             newest: self.newest,
             delivered: self.delivered,
-            is_failing: false,
+            is_failing: self.is_failing,
         }
     }
 
@@ -548,22 +549,84 @@ fn while_the_disk_takes_nothing_it_does_not_say_that_it_is_there() {
 #[test]
 fn nothing_of_a_session_is_said_after_it() {
     let mut site = Site::new();
-    site.handle(UplinkInput::Connected(MESSAGE_MAX));
-    let hello = site.published();
-    site.is_welcome(hello[0].answer.unwrap());
-    // Its beat is not sent yet.
+    site.begin();
+    site.now += STATE_AGAIN;
+    let find = std::iter::from_fn(|| site.uplink.poll(site.now, 0));
+    let asked: Vec<_> = find.collect();
+    assert!(asked.contains(&UplinkOutput::FindState), "{asked:?}");
+    // It is made, and not sent yet.
+    let state = Some((site.disk.epoch(), 0, vec![entry(1)]));
+    site.handle(UplinkInput::State(state));
     site.handle(UplinkInput::Lost);
-    site.now += GATHER;
     site.handle(UplinkInput::Connected(MESSAGE_MAX));
     let next = site.outputs();
-    let hello = next
-        .iter()
-        .filter(|output| matches!(output, UplinkOutput::Publish(_)));
-    assert_eq!(hello.count(), 1, "{next:?}");
-    assert!(next.contains(&UplinkOutput::Unlisten));
+    let is_said = |output: &&UplinkOutput| matches!(output, UplinkOutput::Publish(_));
+    let said: Vec<_> = next.iter().filter(is_said).collect();
     assert!(
-        !next
-            .iter()
-            .any(|output| matches!(output, UplinkOutput::Listen(..)))
+        matches!(said[..], [UplinkOutput::Publish(hello)] if hello.subject.ends_with("hello")),
+        "{next:?}"
     );
+    assert!(next.contains(&UplinkOutput::Unlisten));
+}
+
+#[test]
+fn what_a_late_answer_has_said_is_not_missed_nor_counted_twice() {
+    let mut site = Site::new();
+    site.disk.append(3);
+    site.stored();
+    let first = site.begin();
+    let late = first[2].answer.unwrap();
+    // Sent again, with one more.
+    site.now += ANSWER_MAX + Duration::from_secs(1);
+    site.outputs();
+    site.disk.append(1);
+    site.stored();
+    site.now += AGAIN.0 + GATHER;
+    let again = site.published();
+    let again = again
+        .iter()
+        .find(|message| message.subject.ends_with("data"));
+    let again = again.unwrap().answer.unwrap();
+    let delivered = |outputs: Vec<UplinkOutput>| {
+        let of = |output| match output {
+            UplinkOutput::Delivered(_, to, count) => Some((to, count)),
+            _ => None,
+        };
+        outputs.into_iter().filter_map(of).collect::<Vec<_>>()
+    };
+    site.answer(late, TAKEN_IN);
+    assert_eq!(delivered(site.outputs()), [(3, 3)]);
+    site.answer(again, TAKEN_IN);
+    assert_eq!(delivered(site.outputs()), [(4, 1)]);
+    // Nothing is missing afterwards.
+    site.disk.delivered = 4;
+    for _ in 0..6 {
+        site.now += BEAT;
+        let outputs = site.outputs();
+        let is_fault = |output: &UplinkOutput| matches!(output, UplinkOutput::Fails(..));
+        assert!(!outputs.iter().any(is_fault), "{outputs:?}");
+    }
+}
+
+#[test]
+fn while_the_disk_hangs_it_does_not_say_that_it_is_there_and_says_why() {
+    let mut site = Site::new();
+    site.begin();
+    let faults = |outputs: &[UplinkOutput]| {
+        let is_it = |output: &&UplinkOutput| {
+            matches!(output, UplinkOutput::Fails(UplinkFault::NotRecorded, _))
+        };
+        outputs.iter().filter(is_it).count()
+    };
+    site.handle(UplinkInput::Stuck(true));
+    assert_eq!(faults(&site.outputs()), 1);
+    site.handle(UplinkInput::Stuck(true));
+    site.now += BEAT;
+    assert_eq!(site.outputs(), []);
+    // Also where the connection was lost meanwhile: this is why nothing is said.
+    site.handle(UplinkInput::Lost);
+    site.handle(UplinkInput::Connected(MESSAGE_MAX));
+    assert_eq!(faults(&site.outputs()), 1);
+    site.handle(UplinkInput::Stuck(false));
+    assert_eq!(what(&site.published()), ["hello"]);
 }

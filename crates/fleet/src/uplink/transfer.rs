@@ -133,6 +133,8 @@ pub(super) struct Transfer {
     /// Since when something is to be sent.
     due_since: Option<Duration>,
     reading: Reading,
+    /// From after which entry on it is read.
+    reading_after: u64,
     /// The entries that are to be sent again: the first and the last one. Where something goes
     /// wrong, whoever misses them asks once more.
     again_span: Option<(u64, u64)>,
@@ -153,6 +155,7 @@ impl Default for Transfer {
             answer_by: None,
             due_since: None,
             reading: Reading::Not,
+            reading_after: 0,
             again_span: None,
             again: None,
             refusals: 0,
@@ -226,6 +229,7 @@ impl Transfer {
         self.again = None;
         if self.read_at().is_some_and(|at| at <= now) {
             self.reading = Reading::Next;
+            self.reading_after = self.sent;
             return Some(NextRead::After(self.sent));
         }
         let span = self.again_span.filter(|_| self.is_again_due())?;
@@ -267,6 +271,8 @@ impl Transfer {
         let read = read.filter(|(epoch, _)| *epoch == self.head.epoch);
         match (reading, read) {
             (Reading::Not | Reading::Void, _) => None,
+            // A late answer has said meanwhile that the servers have it.
+            (Reading::Next, _) if self.reading_after != self.sent => None,
             (Reading::Next, Some((epoch, piece))) if !piece.entries.is_empty() => {
                 let (batch, last) = pack(sender, &epoch, &piece);
                 // All that can be another the next time is in it. What begins at the same entry may
@@ -341,10 +347,14 @@ impl Transfer {
 
     /// When the oldest of what is under way should be answered, beside so many other bytes.
     fn answer_by(&self, now: Duration, others: usize) -> Option<Duration> {
+        (!self.flying.is_empty()).then_some(now + self.patience(others))
+    }
+
+    /// How long an answer may take on the slowest line, with so many other bytes under way.
+    pub(super) fn patience(&self, others: usize) -> Duration {
         let bytes: usize = self.flying.iter().map(|flying| flying.len).sum();
         let bytes = (bytes + others) as u64;
-        let on_its_way = Duration::from_millis(bytes.saturating_mul(1_000) / SLOWEST);
-        (!self.flying.is_empty()).then_some(now + ANSWER_MAX + on_its_way)
+        ANSWER_MAX + Duration::from_millis(bytes.saturating_mul(1_000) / SLOWEST)
     }
 
     /// A message was answered: it is stored, or why not. So many other bytes are under way.
@@ -360,7 +370,7 @@ impl Transfer {
             (Some(_), Err(reason)) => return TransferEnd::Refused(reason),
             (None, Err(_)) => return TransferEnd::Nothing,
             (Some(flying), Ok(())) => flying.is_stored = true,
-            (None, Ok(())) => return self.answer_earlier(number),
+            (None, Ok(())) => return self.answer_earlier(number, (now, others)),
         }
         let (mut newest, mut count, mut has_moved) = (None, 0, false);
         while let Some(first) = self.flying.pop_front_if(|flying| flying.is_stored) {
@@ -382,7 +392,7 @@ impl Transfer {
 
     /// An answer that comes late says that the servers have what was sent, as any other. On a slow
     /// line it would be sent for ever otherwise.
-    fn answer_earlier(&mut self, number: u64) -> TransferEnd {
+    fn answer_earlier(&mut self, number: u64, (now, others): (Duration, usize)) -> TransferEnd {
         let its = self.earlier.iter().find(|earlier| earlier.number == number);
         // Only where nothing before it is open.
         let its = its.copied().filter(|its| its.after <= self.delivered);
@@ -390,7 +400,13 @@ impl Transfer {
             return TransferEnd::Nothing;
         };
         self.sent = self.sent.max(its.last);
-        self.delivered_to(its.last, its.count)
+        let end = self.delivered_to(its.last, its.count);
+        // No answer is missing to what is known to have arrived.
+        let delivered = self.delivered;
+        self.flying
+            .retain(|flying| flying.last.is_none_or(|last| last > delivered));
+        self.answer_by = self.answer_by(now, others);
+        end
     }
 
     fn delivered_to(&mut self, newest: u64, count: u64) -> TransferEnd {
@@ -398,6 +414,8 @@ impl Transfer {
         if newest <= self.delivered {
             return TransferEnd::Nothing;
         }
+        // What another answer has said already does not count again.
+        let count = count.min(newest - self.delivered);
         self.delivered = newest;
         TransferEnd::Delivered(newest, count)
     }

@@ -14,8 +14,8 @@ use railbus_store::outbox::{Outbox, OutboxEntry, OutboxError, OutboxKeep, Piece}
 use recording::Recording;
 use std::path::{Path, PathBuf};
 use std::pin::Pin;
-use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, SystemTime};
 use tokio::runtime::Builder;
 use tokio::sync::{mpsc, oneshot, watch};
@@ -35,6 +35,8 @@ const BYTES_MAX: u64 = 512 << 20;
 const ON_ITS_WAY_MAX: Duration = Duration::from_secs(15);
 /// After the disk failed, so long until the next try.
 const AGAIN: Duration = Duration::from_secs(5);
+/// A disk that takes so long for anything hangs.
+const STUCK: Duration = Duration::from_secs(5);
 /// A day, in milliseconds.
 const DAY_MS: i64 = 86_400_000;
 
@@ -72,6 +74,7 @@ pub(super) struct OutboxHandle {
     orders: mpsc::Sender<OutboxOrder>,
     delivered: watch::Sender<(Arc<str>, u64)>,
     state: watch::Receiver<OutboxState>,
+    busy: Busy,
     ended: Option<oneshot::Receiver<()>>,
 }
 
@@ -103,6 +106,8 @@ impl OutboxHandle {
         let (delivered, to_delete) = watch::channel((Arc::default(), 0));
         let (told, state) = watch::channel(OutboxState::default());
         let (end, ended) = oneshot::channel();
+        let busy = Busy::default();
+        let its = busy.clone();
         let runtime = Builder::new_current_thread().enable_time().build()?;
         let thread = std::thread::Builder::new().name("outbox".to_owned());
         thread.spawn(move || {
@@ -117,6 +122,7 @@ impl OutboxHandle {
                 },
                 told,
                 report: setup.report,
+                busy: its,
                 failures: 0,
                 told_dropped: 0,
             };
@@ -128,6 +134,7 @@ impl OutboxHandle {
             orders: sender,
             delivered,
             state,
+            busy,
             ended: Some(ended),
         })
     }
@@ -144,6 +151,16 @@ impl OutboxHandle {
     pub(super) async fn news(&mut self) -> Option<OutboxState> {
         self.state.changed().await.ok()?;
         Some(self.state.borrow_and_update().clone())
+    }
+
+    /// Whether the disk has hung for so long that what is recorded may lack what happened.
+    #[cfg_attr(
+        not(feature = "fleet"),
+        expect(dead_code, reason = "the other kinds say nothing of it")
+    )]
+    pub(super) fn is_stuck(&self) -> bool {
+        let since = *self.busy.since();
+        since.is_some_and(|since| since.elapsed() >= STUCK)
     }
 
     /// Reads the oldest entries after this number, so many at most, and whose numbers they are;
@@ -303,6 +320,7 @@ struct Keeper {
     keep: OutboxKeep,
     told: watch::Sender<OutboxState>,
     report: Report,
+    busy: Busy,
     /// How often in a row the disk failed.
     failures: u32,
     /// The first entry after those that were dropped, when all was told because of them.
@@ -319,10 +337,12 @@ impl Keeper {
         let (mut write_at, mut delete_at) = (None, None);
         let mut tidy_at = Instant::now();
         loop {
-            if self.recording.is_waiting() || self.outbox.is_none() {
+            // What failed is tried again, also where nothing is new: others rely on it.
+            if self.recording.is_waiting() || self.outbox.is_none() || self.failures > 0 {
                 let wait = if self.failures > 0 { AGAIN } else { FLUSH };
                 write_at.get_or_insert_with(|| Instant::now() + wait);
             }
+            self.busy.end();
             let due = [write_at, delete_at].into_iter().flatten();
             let due = due.chain([tidy_at]).min().unwrap_or(tidy_at);
             tokio::select! {
@@ -330,7 +350,9 @@ impl Keeper {
                     Some(news) => self.take(&news, site.missed()),
                     None => break,
                 },
-                order = orders.recv() => match order {
+                order = orders.recv() => {
+                    self.busy.begin();
+                    match order {
                     Some(OutboxOrder::Read { after, count, reply }) => {
                         // Fails where the outlet waits no longer.
                         let _ = reply.send(self.read(after, count));
@@ -343,12 +365,14 @@ impl Keeper {
                     }
                     // The outlet ends.
                     None => break,
-                },
+                    }
+                }
                 Ok(()) = to_delete.changed() => {
                     delete_at.get_or_insert(Instant::now() + FLUSH);
                 }
                 () = tokio::time::sleep_until(due) => {}
             }
+            self.busy.begin();
             let now = Instant::now();
             let is_full = self.recording.is_full() && self.failures == 0;
             if is_full || write_at.is_some_and(|at| at <= now) {
@@ -385,10 +409,16 @@ impl Keeper {
     /// Writes what waits. What the disk does not take is tried again; what is too much by then is
     /// a gap, and after it everything is told anew. Whether all is written.
     fn write(&mut self) -> bool {
-        let end = self.try_write();
-        let is_written = end.is_ok();
-        self.ended(end.map(|()| true));
-        is_written
+        match self.try_write() {
+            Ok(()) => {
+                self.failures = 0;
+                true
+            }
+            Err(why) => {
+                self.can_not_write(why);
+                false
+            }
+        }
     }
 
     fn try_write(&mut self) -> Result<(), OutboxError> {
@@ -406,7 +436,15 @@ impl Keeper {
         };
         let waiting = self.recording.waiting(SystemTime::now());
         let newest = match waiting.is_empty() {
-            true => outbox.newest()?,
+            true => {
+                if self.failures > 0
+                    && let Some(at) = SystemTime::now().checked_sub(ON_ITS_WAY_MAX)
+                {
+                    // Whether it takes anything again.
+                    outbox.known(millis(at))?;
+                }
+                outbox.newest()?
+            }
             false => outbox.append(waiting)?,
         };
         self.recording.written();
@@ -443,7 +481,7 @@ impl Keeper {
         match outbox.read_again(span, count) {
             Ok(piece) => Some((Arc::from(outbox.epoch()), piece.unwrap_or_default())),
             Err(why) => {
-                self.ended(Err(why));
+                self.failed(why);
                 None
             }
         }
@@ -464,7 +502,7 @@ impl Keeper {
             }
             Err(why) => {
                 // A broken page may stand before everything that is still to be read.
-                self.ended(Err(why));
+                self.failed(why);
                 None
             }
         }
@@ -484,9 +522,10 @@ impl Keeper {
             return;
         };
         // Numbers of another epoch are those of other entries.
-        if **epoch == *outbox.epoch() {
-            let end = outbox.delivered(*newest, self.keep.is_for_again);
-            self.ended(end.map(|()| false));
+        if **epoch == *outbox.epoch()
+            && let Err(why) = outbox.delivered(*newest, self.keep.is_for_again)
+        {
+            self.can_not_write(why);
         }
     }
 
@@ -514,7 +553,9 @@ impl Keeper {
             }
             Err(_) => false,
         };
-        self.ended(pruned.map(|_| false));
+        if let Err(why) = pruned {
+            self.can_not_write(why);
+        }
         is_more
     }
 
@@ -526,36 +567,51 @@ impl Keeper {
         if let Some(outbox) = &mut self.outbox {
             let at = SystemTime::now().checked_sub(ago);
             let end = at.map_or(Ok(()), |at| outbox.known(millis(at)));
-            self.ended(end.map(|()| false));
+            if let Err(why) = end {
+                self.can_not_write(why);
+            }
         }
     }
 
-    /// Something was done with the file, or could not be; whether that shows that it can be
-    /// written.
-    fn ended(&mut self, end: Result<bool, OutboxError>) {
-        match end {
-            Ok(is_written) => {
-                if is_written {
-                    self.failures = 0;
-                }
-            }
-            Err(why) => {
-                self.failures = self.failures.saturating_add(1);
-                self.told
-                    .send_if_modified(|told| !std::mem::replace(&mut told.is_failing, true));
-                if why.is_broken {
-                    // The next write begins another one.
-                    self.outbox = None;
-                    // Tried again with the next failure.
-                    let _ = Outbox::put_aside(&self.file);
-                }
-                let problem = Problem::new(codes::OUTBOX_FAILS);
-                let problem = problem
-                    .with("path", self.file.display().to_string())
-                    .with("reason", why.reason);
-                self.report.noted(problem, self.failures);
-            }
+    /// Changes can't be written. Only a write that works says otherwise.
+    fn can_not_write(&mut self, why: OutboxError) {
+        self.told
+            .send_if_modified(|told| !std::mem::replace(&mut told.is_failing, true));
+        self.failed(why);
+    }
+
+    /// Something could not be done with the file.
+    fn failed(&mut self, why: OutboxError) {
+        self.failures = self.failures.saturating_add(1);
+        if why.is_broken {
+            // The next write begins another one.
+            self.outbox = None;
+            // Tried again with the next failure.
+            let _ = Outbox::put_aside(&self.file);
         }
+        let problem = Problem::new(codes::OUTBOX_FAILS);
+        let problem = problem
+            .with("path", self.file.display().to_string())
+            .with("reason", why.reason);
+        self.report.noted(problem, self.failures);
+    }
+}
+
+/// Since when the thread is busy with the disk: one that hangs says nothing.
+#[derive(Clone, Debug, Default)]
+struct Busy(Arc<Mutex<Option<Instant>>>);
+
+impl Busy {
+    fn begin(&self) {
+        self.since().get_or_insert_with(Instant::now);
+    }
+
+    fn end(&self) {
+        *self.since() = None;
+    }
+
+    fn since(&self) -> MutexGuard<'_, Option<Instant>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 

@@ -236,8 +236,8 @@ codes! {
     FleetAway = "E0943" {
         title: ["nobody answers at the centre of the fleet", "站群中心无应答"],
         likely: ["its program is not running · it is being updated", "中心程序未运行 · 正在更新"],
-        next: ["wait: changes are kept on the disk until it is there again",
-            "等待即可：恢复之前，变化保存在磁盘上"],
+        next: ["start it again: changes are kept on the disk for replay_days, in 512 MB at most",
+            "重新启动中心：变化在磁盘上保留 replay_days 天，最多 512 MB"],
     }
     FleetTaken = "E0944" {
         title: ["the centre of the fleet does not give this site a session", "站群中心未给该站点会话"],

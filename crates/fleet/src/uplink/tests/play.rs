@@ -161,6 +161,12 @@ impl Play {
                 let beat = Beat::decode(&*message.payload).unwrap();
                 self.is_in_session(&beat.session);
                 assert!(beat.delivered <= beat.newest, "{}", self.seed);
+                assert!(!self.site.disk.is_failing, "{}: it can't vouch", self.seed);
+                // Whoever has all up to this number knows what is so.
+                let known = self.receiver.newest.get(&beat.epoch).copied();
+                if let Some((seq, value)) = known.filter(|(seq, _)| *seq >= beat.newest) {
+                    assert_eq!(value, i64::try_from(seq).unwrap(), "{}", self.seed);
+                }
                 return;
             }
         };
@@ -231,6 +237,10 @@ impl Play {
                 let is_lost =
                     |(its, number): &(String, u64)| *its == *epoch && lost.contains(number);
                 self.stored.retain(|key, _| !is_lost(key));
+            }
+            14 if !self.is_calm => {
+                self.site.disk.is_failing = !self.site.disk.is_failing;
+                self.site.stored();
             }
             6..=12 => self.asks_again(),
             13 if !self.is_calm => {
@@ -318,6 +328,8 @@ fn play(seed: u64) {
         play.step();
     }
     play.is_calm = true;
+    play.site.disk.is_failing = false;
+    play.site.stored();
     if !play.is_connected {
         play.is_connected = true;
         play.site.handle(UplinkInput::Connected(MESSAGE_MAX));

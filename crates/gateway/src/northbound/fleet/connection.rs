@@ -20,7 +20,9 @@ const CONNECT_MAX: Duration = Duration::from_secs(10);
 const PING: Duration = Duration::from_secs(10);
 /// After a connection was lost, the next try comes at a random moment of this time, the first one
 /// and all others: where a server fails, thousands of sites try.
-const AGAIN: [Duration; 2] = [Duration::from_secs(20), Duration::from_secs(60)];
+const AGAIN: [Duration; 2] = [RECONNECT_MAX, Duration::from_secs(60)];
+/// When the first one comes at the latest.
+pub(super) const RECONNECT_MAX: Duration = Duration::from_secs(20);
 /// How many commands to the client wait.
 const COMMANDS_MAX: usize = 64;
 

@@ -1,6 +1,6 @@
 //! Drives the site's side of its way to the centre.
 
-use super::connection::{Connection, LinkState, credentials};
+use super::connection::{Connection, LinkState, RECONNECT_MAX, credentials};
 use super::settings::FleetAccess;
 use crate::access::secret::random;
 use crate::northbound::broker::session::wait;
@@ -18,6 +18,7 @@ use railbus_fleet::uplink::{
 use railbus_store::durable;
 use railbus_store::history::millis;
 use std::io::ErrorKind;
+use std::path::Path;
 use std::pin::{Pin, pin};
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::{Duration, SystemTime};
@@ -27,6 +28,8 @@ use tokio::time::Instant;
 const LINGER: Duration = Duration::from_secs(1);
 /// How long the outbox may take to be closed.
 const CLOSE_MAX: Duration = Duration::from_secs(2);
+/// How often it is looked whether a disk still hangs.
+const LOOK: Duration = Duration::from_secs(1);
 /// A connection that lasted so long was one.
 const STEADY: Duration = Duration::from_secs(60);
 /// Every installation has its own number.
@@ -72,9 +75,9 @@ pub(super) async fn run(outlet: Outlet) -> Result<(), Problem> {
     let internal =
         |error: &dyn ToString| Problem::new(codes::INTERNAL).with("reason", error.to_string());
     let days = outlet.number("replay_days");
-    let outbox = outbox::start_for_again(&outlet, days)?;
-    let installation = installation(&outlet).map_err(|error| internal(&error))?;
+    let installation = installation(&outlet)?;
     let boot = random().map_err(|error| internal(&error))?;
+    let outbox = outbox::start_for_again(&outlet, days)?;
     let own = SiteIdentity {
         // Known with its credentials.
         site: String::new(),
@@ -185,6 +188,13 @@ impl Driver {
                 return Ended::Broken(problem);
             }
             let deadline = self.uplink.deadline().map(|at| self.began + at);
+            // A disk that hangs does not say when it no longer does.
+            let look = self
+                .recorded
+                .outbox
+                .is_stuck()
+                .then(|| Instant::now() + LOOK);
+            let deadline = [deadline, look].into_iter().flatten().min();
             let due = async {
                 match deadline {
                     Some(at) => tokio::time::sleep_until(at).await,
@@ -237,7 +247,7 @@ impl Driver {
         // It may be there again already.
         if self.link.losses != before.losses {
             self.handle(UplinkInput::Lost);
-            self.failed(ended(&"disconnected"), None);
+            self.failed(ended(&"disconnected"), Some(RECONNECT_MAX));
         }
         if self.link.is_up {
             self.connected(connection);
@@ -297,6 +307,7 @@ impl Driver {
     }
 
     async fn drive(&mut self, connection: &Connection) -> Result<(), Problem> {
+        self.handle(UplinkInput::Stuck(self.recorded.outbox.is_stuck()));
         loop {
             let clock = millis(SystemTime::now());
             let Some(output) = self.uplink.poll(self.began.elapsed(), clock) else {
@@ -331,7 +342,10 @@ impl Driver {
                     self.failures = 0;
                     self.outlet.report.worked();
                 }
-                UplinkOutput::Fails(fault, wait) => self.failed(problem(fault), Some(wait)),
+                UplinkOutput::Fails(fault, wait) => {
+                    let file = self.outlet.outbox_file();
+                    self.failed(problem(fault, &file), Some(wait));
+                }
             }
         }
         self.count();
@@ -414,7 +428,7 @@ fn ended(reason: &dyn ToString) -> Problem {
     Problem::new(codes::FLEET_ENDED).with("reason", reason.to_string())
 }
 
-fn problem(fault: UplinkFault) -> Problem {
+fn problem(fault: UplinkFault, outbox: &Path) -> Problem {
     match fault {
         UplinkFault::Away => Problem::new(codes::FLEET_AWAY),
         UplinkFault::NoSession(code, reason) => {
@@ -424,7 +438,9 @@ fn problem(fault: UplinkFault) -> Problem {
         UplinkFault::NotStored(reason) => {
             Problem::new(codes::FLEET_NOT_STORED).with("reason", reason)
         }
-        UplinkFault::NotRecorded => Problem::new(codes::OUTBOX_FAILS),
+        UplinkFault::NotRecorded => {
+            Problem::new(codes::OUTBOX_FAILS).with("path", outbox.display().to_string())
+        }
         UplinkFault::StateTooLong(length) => Problem::new(codes::FLEET_NOT_STORED).with(
             "reason",
             format!("the picture of this site has {length} bytes"),
@@ -432,22 +448,23 @@ fn problem(fault: UplinkFault) -> Problem {
     }
 }
 
-/// The number of this installation, made the first time.
-fn installation(outlet: &Outlet) -> std::io::Result<[u8; INSTALLATION_LEN]> {
+/// The number of this installation, made the first time. A file that has none is not replaced: with
+/// another number it would be another machine to the centre.
+fn installation(outlet: &Outlet) -> Result<[u8; INSTALLATION_LEN], Problem> {
     let path = outlet.kept();
-    match std::fs::read_to_string(&path) {
-        Ok(text) => {
-            if let Ok(kept) = serde_json::from_str(&text) {
-                return Ok(kept);
-            }
-        }
+    let unusable = |reason: &dyn ToString| {
+        Problem::new(codes::FLEET_FILE)
+            .with("path", path.display().to_string())
+            .with("reason", reason.to_string())
+    };
+    match std::fs::read(&path) {
+        Ok(text) => return serde_json::from_slice(&text).map_err(|error| unusable(&error)),
         Err(error) if error.kind() == ErrorKind::NotFound => {}
-        // With another number it would be another machine to the centre.
-        Err(error) => return Err(error),
+        Err(error) => return Err(unusable(&error)),
     }
-    let made = random().map_err(std::io::Error::other)?;
-    let text = serde_json::to_vec(&made)?;
-    durable::replace(&path, &text, Some(0o600))?;
+    let made = random().map_err(|error| unusable(&error))?;
+    let text = serde_json::to_vec(&made).map_err(|error| unusable(&error))?;
+    durable::replace(&path, &text, Some(0o600)).map_err(|error| unusable(&error))?;
     Ok(made)
 }
 

@@ -42,7 +42,11 @@ fn node(text: &str) -> Result<NodeAddress, String> {
 /// Writes the files of a new fleet.
 pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure> {
     let lang = context.lang;
-    let folder = super::path(matches, "DIR");
+    let given = super::path(matches, "DIR");
+    let absolute = std::path::absolute(&given);
+    let absolute = absolute.map_err(|error| super::unusable(lang, &given, &error))?;
+    // `acme/` is `acme`, and `.` has a name, too.
+    let folder: PathBuf = absolute.components().collect();
     let nodes = matches.get_many::<NodeAddress>("nats");
     let nodes: Vec<NodeAddress> = nodes.into_iter().flatten().cloned().collect();
     let files = found(&nodes, super::now()).map_err(|error| {
@@ -52,7 +56,12 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
         )
     })?;
     write(lang, &folder, &files)?;
-    out::result(lang, &folders(lang, &folder, &nodes).render(context.format))?;
+    // `.` is another folder than before by now.
+    let shown = match given.file_name() {
+        Some(_) => given.components().collect(),
+        None => folder,
+    };
+    out::result(lang, &folders(lang, &shown, &nodes).render(context.format))?;
     context.note(lang.get(FleetText::Offline));
     Ok(())
 }
@@ -61,22 +70,15 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
 /// and never into one that has something in it.
 fn write(lang: Lang, folder: &Path, files: &[FoundedFile]) -> Result<(), Failure> {
     let failed = |error: &dyn std::fmt::Display| super::unusable(lang, folder, error);
-    // `acme/` is `acme`, and `.` has a name, too.
-    let folder: PathBuf = std::path::absolute(folder)
-        .map_err(|error| failed(&error))?
-        .components()
-        .collect();
-    let folder = &folder;
     if std::fs::read_dir(folder).is_ok_and(|mut found| found.next().is_some()) {
         return Err(failed(&lang.get(FleetText::NotEmpty)));
     }
     let draft = durable::beside(folder, &format!("{}.new", std::process::id()));
+    begin(&draft).map_err(|error| failed(&error))?;
     let done = try_write(&draft, files).and_then(|()| std::fs::rename(&draft, folder));
     done.map_err(|error| {
-        if error.kind() != ErrorKind::AlreadyExists {
-            // What is left of it has keys in it.
-            let _ = std::fs::remove_dir_all(&draft);
-        }
+        // What is left of it has keys in it.
+        let _ = std::fs::remove_dir_all(&draft);
         match error.kind() {
             ErrorKind::DirectoryNotEmpty => failed(&lang.get(FleetText::NotEmpty)),
             _ => failed(&error),
@@ -84,12 +86,15 @@ fn write(lang: Lang, folder: &Path, files: &[FoundedFile]) -> Result<(), Failure
     })
 }
 
-fn try_write(draft: &Path, files: &[FoundedFile]) -> std::io::Result<()> {
+/// Makes a new folder: keys don't go where somebody else made room for them.
+fn begin(draft: &Path) -> std::io::Result<()> {
     if let Some(parent) = draft.parent() {
         durable::folder(parent)?;
     }
-    // A new one: keys don't go where somebody else made room for them.
-    DirBuilder::new().mode(0o700).create(draft)?;
+    DirBuilder::new().mode(0o700).create(draft)
+}
+
+fn try_write(draft: &Path, files: &[FoundedFile]) -> std::io::Result<()> {
     for file in files {
         let path = draft.join(&file.path);
         if let Some(parent) = path.parent() {
