@@ -16,7 +16,7 @@
 //! `outcome`, `event`. Requests whose replies may come late: `ghost`; how long that is: `late_max`
 //! and `HELD_BACK_MAX` in `module_state`; how they are ruled out sooner: `fence`. Modules
 //! that do not answer: `silent`; health and learned times: `module_state`; their model: `identity`.
-//! Bytes, echoes: `rx_buffer`.
+//! Bytes, echoes: `rx_buffer`. Replies that may be noise: `noise`.
 
 #![no_std]
 #![forbid(unsafe_code)]
@@ -40,6 +40,7 @@ mod identity;
 mod in_flight;
 mod module_state;
 mod modules;
+mod noise;
 mod outcome;
 mod rx_buffer;
 mod schedule;
@@ -522,33 +523,6 @@ impl Bus {
         }
     }
 
-    /// What looked like the reply may be noise, unless it followed late replies at once.
-    #[cold]
-    fn noise(&mut self, flight: &InFlight) {
-        while let Some(met) = self.ghosts.take_reply(self.rx.reply()) {
-            self.rx.cut(met.at, met.len);
-            self.on_late_reply(met);
-            if let (skip, Decoded::Whole { len, value }) =
-                flight.exchange.find_response(self.rx.reply())
-                && !self.may_be_noise(&flight.exchange, skip, len)
-            {
-                let outcome = self.interpret(flight, &value);
-                let in_order = shows_order(flight, &value);
-                return self.answered(flight, (skip, len), outcome, in_order);
-            }
-        }
-        self.missed(*flight);
-    }
-
-    /// Whether a reply of two bytes, which names no module, was found in noise: there it stands by
-    /// chance before long, and would say of a relay what nobody said.
-    #[cold]
-    fn may_be_noise(&self, exchange: &Exchange<'_>, skip: usize, len: usize) -> bool {
-        len <= NAMELESS_MAX
-            && matches!(exchange, Exchange::Ascii(_))
-            && (skip > GLITCH_MAX || self.rx.is_disturbed())
-    }
-
     /// A good reply came, `len` bytes after `skip` others. With `in_order` it shows that older
     /// requests are done.
     fn answered(
@@ -558,9 +532,7 @@ impl Bus {
         outcome: Outcome,
         in_order: bool,
     ) {
-        if let Outcome::Seen(Observation::Done | Observation::Refused(_)) = outcome
-            && self.may_be_noise(&flight.exchange, skip, len)
-        {
+        if len <= noise::NAMELESS_MAX && self.may_be_noise(&flight.exchange, skip) {
             return self.noise(flight);
         }
         self.state = State::Idle;
@@ -697,11 +669,6 @@ impl Bus {
         }
     }
 }
-
-/// The longest reply that names no module: `>` or `?`, and the end [EDA9060A §4.3].
-const NAMELESS_MAX: usize = 2;
-/// A driver that is switched on makes a byte before a reply.
-const GLITCH_MAX: usize = 1;
 
 /// How many bytes of a reply may belong to another one: a CRC over all of it rules that out.
 const fn doubtful(exchange: &Exchange<'_>, len: usize) -> usize {
