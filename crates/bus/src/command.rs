@@ -4,8 +4,8 @@ use crate::event::Events;
 use crate::module_state::ModuleState;
 use crate::{Confirmation, Event, Evidence, Fault, ModuleId, Ticket};
 use alloc::collections::VecDeque;
-use railbus_device::{Bank, Op};
-use railbus_wire::{Instant, Micros};
+use railbus_device::{Bank, Op, Refusal};
+use railbus_wire::{Instant, Malformed, Micros};
 
 /// How often a command's exchange is tried, where it is safe to repeat.
 pub(crate) const TRIES_MAX: u8 = 3;
@@ -32,6 +32,9 @@ pub(crate) struct Command {
     pub(crate) echoed: bool,
     /// One of its replies contradicts it: it shows another state, or it is a refusal.
     pub(crate) denied: bool,
+    /// It was refused, by a reply without a CRC: of `>`, which says that it is done, one bit makes
+    /// `?`. What is read back decides.
+    pub(crate) refusal: Option<Refusal>,
     /// Another model may have acknowledged it: the module had not identified itself.
     pub(crate) unidentified: bool,
     /// The outputs that did not match when they were last read after its frame, except for those
@@ -98,6 +101,7 @@ impl Command {
             acknowledged: true,
             echoed: false,
             denied: false,
+            refusal: None,
             unidentified: false,
             wrong: 0,
             asks_pulses: false,
@@ -166,10 +170,10 @@ impl Command {
             self.stage = Stage::ReadBack(reads + 1);
             return None;
         }
-        Some(Err(if self.acknowledged {
-            Fault::NotVerified
-        } else {
-            self.lost()
+        Some(Err(match self.refusal {
+            Some(refusal) => Fault::Refused(refusal),
+            None if self.acknowledged => Fault::NotVerified,
+            None => self.lost(),
         }))
     }
 
@@ -218,20 +222,29 @@ impl Command {
             self.denied || self.unidentified || self.wrong != 0,
         ) {
             (true, false) => Ok(Confirmation::Reply),
+            // What was not read was not read otherwise.
+            (true, true) if self.refusal.is_some() && self.wrong == 0 => Err(self.lost()),
             (true, true) => Err(Fault::NotVerified),
             (false, _) => Err(self.lost()),
         }
     }
 
     /// Its last frame was refused. An earlier one (one of several, or the same with its reply lost)
-    /// may have acted: then the outputs are read back.
+    /// may have acted: then the outputs are read back. So they are after a refusal without a CRC.
     pub(crate) fn refused(
         &mut self,
         refused: Fault,
         reads_back: bool,
     ) -> Option<Result<Confirmation, Fault>> {
         if self.evidence.attempts <= 1 {
-            return Some(Err(refused));
+            match refused {
+                Fault::Refused(refusal @ Refusal::Invalid) if reads_back => {
+                    self.refusal = Some(refusal);
+                    self.evidence
+                        .add(Evidence::of_try(2, Some(Malformed::Syntax)));
+                }
+                _ => return Some(Err(refused)),
+            }
         }
         if !reads_back {
             return Some(Err(self.lost()));

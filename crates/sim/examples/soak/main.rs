@@ -143,8 +143,8 @@ fn say_sum(cells: &[Cell]) -> Report {
         sum.late
     );
     println!(
-        "{} misattributed values, {} false confirmations, {} doubled actions",
-        v.misattributed, v.falsely_confirmed, v.doubled
+        "{} misattributed values, {} false confirmations, {} false denials, {} doubled actions",
+        v.misattributed, v.falsely_confirmed, v.falsely_denied, v.doubled
     );
     sum
 }
@@ -152,7 +152,7 @@ fn say_sum(cells: &[Cell]) -> Report {
 /// Nothing untrue was reported; otherwise prints seed, commit, and how to reproduce it.
 fn is_true(cells: &[Cell], sum: &Report) -> Result<(), String> {
     let v = &sum.verdicts;
-    if v.misattributed + v.falsely_confirmed + v.doubled == 0 {
+    if v.misattributed + v.falsely_confirmed + v.falsely_denied + v.doubled == 0 {
         return Ok(());
     }
     let wrong = cells

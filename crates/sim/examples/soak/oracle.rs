@@ -28,6 +28,11 @@ pub(crate) struct Verdicts {
     pub(crate) falsely_confirmed: u64,
     /// As above where characters had been garbled.
     pub(crate) confirmed_undetected: u64,
+    /// Said not to have acted, though the outputs went as commanded, by nobody else, and every
+    /// character was received as sent.
+    pub(crate) falsely_denied: u64,
+    /// As above where characters had been garbled.
+    pub(crate) denied_undetected: u64,
     /// Actions of outputs that are only toggled or pulsed, more than one for each command.
     pub(crate) doubled: u64,
     /// As above where characters had been garbled: the module took one command for another.
@@ -44,6 +49,8 @@ impl Verdicts {
         self.confirmed += other.confirmed;
         self.falsely_confirmed += other.falsely_confirmed;
         self.confirmed_undetected += other.confirmed_undetected;
+        self.falsely_denied += other.falsely_denied;
+        self.denied_undetected += other.denied_undetected;
         self.doubled += other.doubled;
         self.acted_undetected += other.acted_undetected;
     }
@@ -111,6 +118,18 @@ struct Wish {
     spoilt: u64,
     /// How many actions it may still cause of outputs that act each time they are commanded.
     actions: u32,
+    /// No other command was pending for its module meanwhile, and its outputs were not as wanted:
+    /// if they are afterwards, it was this one.
+    is_alone: bool,
+}
+
+/// How a command was said to have ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum ToldEnd {
+    Done,
+    /// It may have acted.
+    Unknown,
+    NotDone,
 }
 
 /// What was reported of a module.
@@ -238,6 +257,13 @@ impl Oracle {
             mask & on & pulsed
         }
         .count_ones();
+        let mut is_alone = mask != 0;
+        for other in self.wishes.values_mut() {
+            if other.module == module {
+                (other.is_alone, is_alone) = (false, false);
+            }
+        }
+        is_alone &= self.modules[module].outputs.is_now() & mask != on & mask;
         self.wishes.insert(
             ticket,
             Wish {
@@ -247,31 +273,38 @@ impl Oracle {
                 since,
                 spoilt,
                 actions,
+                is_alone,
             },
         );
     }
 
     /// A command ended.
-    pub(crate) fn ended(&mut self, ticket: u64, confirmed: bool, at: u64, spoilt: u64) {
+    pub(crate) fn ended(&mut self, ticket: u64, end: ToldEnd, at: u64, spoilt: u64) {
         let Some(wish) = self.wishes.remove(&ticket) else {
             return self.wrong(format!("at {at} us: command {ticket} ended twice"));
         };
         self.verdicts.commands += 1;
-        if !confirmed {
-            return;
+        if end == ToldEnd::Done {
+            self.verdicts.confirmed += 1;
         }
-        self.verdicts.confirmed += 1;
         let done = self.modules[wish.module]
             .outputs
             .was(wish.since, at, |v| v & wish.mask == wish.on & wish.mask);
-        if done {
-            return;
-        }
-        if spoilt > wish.spoilt {
-            self.verdicts.confirmed_undetected += 1;
-        } else {
-            self.verdicts.falsely_confirmed += 1;
-            self.wrong(format!("at {at} us: {wish:?} confirmed, but not done"));
+        let is_spoilt = spoilt > wish.spoilt;
+        match end {
+            ToldEnd::Done if !done && is_spoilt => self.verdicts.confirmed_undetected += 1,
+            ToldEnd::Done if !done => {
+                self.verdicts.falsely_confirmed += 1;
+                self.wrong(format!("at {at} us: {wish:?} confirmed, but not done"));
+            }
+            ToldEnd::NotDone if done && wish.is_alone && is_spoilt => {
+                self.verdicts.denied_undetected += 1;
+            }
+            ToldEnd::NotDone if done && wish.is_alone => {
+                self.verdicts.falsely_denied += 1;
+                self.wrong(format!("at {at} us: {wish:?} denied, but done"));
+            }
+            ToldEnd::Done | ToldEnd::Unknown | ToldEnd::NotDone => {}
         }
     }
 

@@ -1,7 +1,7 @@
 //! One line, its master and its judge, in virtual time.
 
 use crate::dice::Dice;
-use crate::oracle::{OnceOnly, Oracle, Told, Verdicts};
+use crate::oracle::{OnceOnly, Oracle, Told, ToldEnd, Verdicts};
 use crate::plants::{Plant, Stalls};
 use railbus_bus as bus;
 use railbus_device::{Bank, Effect, Family, Module, Observation, Op};
@@ -253,7 +253,12 @@ impl Run {
                 self.judge_seen(module.0, seen, (asked.0, heard.0), spoilt);
             }
             bus::Event::Done { ticket, end, .. } => {
-                self.oracle.ended(ticket.0, end.is_ok(), self.now.0, spoilt);
+                let end = match end {
+                    Ok(_) => ToldEnd::Done,
+                    Err(fault) if fault.may_have_acted() => ToldEnd::Unknown,
+                    Err(_) => ToldEnd::NotDone,
+                };
+                self.oracle.ended(ticket.0, end, self.now.0, spoilt);
             }
             bus::Event::Late { .. } => self.report.late += 1,
             _ => {}

@@ -8,8 +8,8 @@ use std::fmt::Write;
 pub(crate) fn render(cells: &[Cell]) -> String {
     let mut text = String::from(
         "| faults | line | requests/s | readings | commands confirmed | late replies known | \
-         misattributed | false confirmations | doubled | past the checksum |\n\
-         |---|---|--:|--:|--:|--:|--:|--:|--:|--:|\n",
+         misattributed | false confirmations | false denials | doubled | past the checksum |\n\
+         |---|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|\n",
     );
     for cell in cells {
         let Report {
@@ -24,14 +24,15 @@ pub(crate) fn render(cells: &[Cell]) -> String {
         // Writing to a string can't fail.
         let _ = writeln!(
             text,
-            "| {} | {} | {rate:.1} | {} | {confirmed:.1} % | {late} | {} | {} | {} | {} |",
+            "| {} | {} | {rate:.1} | {} | {confirmed:.1} % | {late} | {} | {} | {} | {} | {} |",
             cell.campaign_name(),
             cell.line_name(),
             v.readings,
             v.misattributed,
             v.falsely_confirmed,
+            v.falsely_denied,
             v.doubled,
-            v.undetected + v.confirmed_undetected + v.acted_undetected,
+            v.undetected + v.confirmed_undetected + v.denied_undetected + v.acted_undetected,
         );
     }
     text
@@ -48,8 +49,9 @@ pub(crate) fn page(cells: &[Cell], sum: &Report) -> String {
          - **misattributed**: a value was told that was not so between question and answer, though \
          every character heard was as sent: another module's value, or another moment's.\n\
          - **false confirmations**: a command was said to be done and was not.\n\
+         - **false denials**: a command was said not to have acted, and had.\n\
          - **doubled**: an output that is toggled or pulsed acted more often than commanded.\n\
-         - **past the checksum**: a value, confirmation or action that was wrong where characters \
+         - **past the checksum**: a value, confirmation, denial or action that was wrong where characters \
          had been spoilt on the way. ASCII without its checksum has no means to notice; the 8-bit \
          sums of LC-02, the 0x55 boards and ASCII miss one spoilt frame in some hundreds. Use \
          Modbus RTU, or the ASCII checksum, where a line is bad.\n\n\
