@@ -145,6 +145,13 @@ impl Outlet {
         left_in(&self.folder, self.kind.name, is_there)
     }
 
+    /// Whether the configuration has it no longer.
+    pub(crate) fn is_gone(&self) -> bool {
+        let config = self.service.config();
+        let now = config.outlets.get(&self.name);
+        now.is_none_or(|now| now.kind != self.kind.name)
+    }
+
     /// Resolves when it must end. It then has [`super::supervisor::STOP_MAX`].
     pub(crate) fn stopped(&self) -> impl Future<Output = ()> + use<> {
         let mut stop = self.stop.clone();

@@ -10,10 +10,13 @@ use hyper::body::Bytes;
 use railbus_api::problem::{Problem, codes};
 use std::time::Duration;
 use tokio::sync::mpsc;
+use tokio::time::Instant;
 
 /// The shortest and the longest wait before the next try to connect.
 const WAIT_MIN: Duration = Duration::from_secs(1);
 const WAIT_MAX: Duration = Duration::from_secs(60);
+/// A connection that lasted so long was one.
+const STEADY: Duration = Duration::from_secs(30);
 /// How long a test waits until the broker says what it is.
 const LOOK_MAX: Duration = Duration::from_secs(1);
 /// Where many brokers say what they are.
@@ -69,9 +72,28 @@ pub(crate) async fn pump(receiver: &mut Receiver, steps: mpsc::Sender<Step>) -> 
     }
 }
 
+/// How often in a row a connection failed.
+#[derive(Debug, Default)]
+pub(crate) struct Tries(u32);
+
+impl Tries {
+    /// It failed again: how often in a row, and how long to wait before the next try.
+    pub(crate) fn failed(&mut self) -> (u32, Duration) {
+        self.0 = self.0.saturating_add(1);
+        (self.0, wait(self.0))
+    }
+
+    /// A connection ended that was begun at this time: the row ends with one that lasted.
+    pub(crate) fn connected_since(&mut self, begun: Instant) {
+        if begun.elapsed() >= STEADY {
+            self.0 = 0;
+        }
+    }
+}
+
 /// How long after so many failures it is tried again: longer each time, and never at the same time
 /// as all others that lost the same broker.
-pub(crate) fn wait(tries: u32) -> Duration {
+fn wait(tries: u32) -> Duration {
     let longest = WAIT_MIN * (1 << tries.saturating_sub(1).min(6));
     let share = random::<1>().map_or(128, |[byte]| byte);
     let jitter = longest.mul_f64(f64::from(share) / 512.0);

@@ -52,7 +52,7 @@ pub(super) struct Connection {
 ///
 /// # Errors
 /// There are none.
-pub(super) fn credentials(path: &Path) -> Result<(SiteClaims, String), Problem> {
+fn credentials(path: &Path) -> Result<(SiteClaims, String), Problem> {
     let unusable = |reason: &dyn ToString| {
         Problem::new(codes::FLEET_FILE)
             .with("path", path.display().to_string())

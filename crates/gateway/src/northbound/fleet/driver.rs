@@ -1,9 +1,8 @@
 //! Drives the site's side of its way to the centre.
 
-use super::connection::{Connection, LinkState, RECONNECT_MAX, credentials};
-use super::settings::FleetAccess;
+use super::connection::{Connection, LinkState, RECONNECT_MAX};
 use crate::access::secret::random;
-use crate::northbound::broker::session::wait;
+use crate::northbound::broker::session::Tries;
 use crate::northbound::outbox::{self, OutboxHandle, OutboxState, Reading, StateAt};
 use crate::northbound::outlet::Outlet;
 use async_nats::{HeaderMap, Message, StatusCode, Subscriber};
@@ -30,8 +29,6 @@ const LINGER: Duration = Duration::from_secs(1);
 const CLOSE_MAX: Duration = Duration::from_secs(2);
 /// How often it is looked whether a disk still hangs.
 const LOOK: Duration = Duration::from_secs(1);
-/// A connection that lasted so long was one.
-const STEADY: Duration = Duration::from_secs(60);
 /// Every installation has its own number.
 const INSTALLATION_LEN: usize = 16;
 
@@ -127,7 +124,7 @@ impl Driver {
     async fn work(&mut self) -> Result<(), Problem> {
         let stopped = self.outlet.stopped();
         let mut stopped = pin!(stopped);
-        let mut tries = 0;
+        let mut tries = Tries::default();
         loop {
             let begun = Instant::now();
             let opened = tokio::select! {
@@ -141,6 +138,7 @@ impl Driver {
                     let end = self.serve(connection, stopped.as_mut()).await;
                     self.asked = None;
                     self.handle(UplinkInput::Lost);
+                    tries.connected_since(begun);
                     match end {
                         Ended::Stopped => return Ok(()),
                         Ended::Gone => return Err(gone()),
@@ -148,11 +146,7 @@ impl Driver {
                     }
                 }
             };
-            if begun.elapsed() >= STEADY {
-                tries = 0;
-            }
-            tries += 1;
-            let wait = wait(tries);
+            let (tries, wait) = tries.failed();
             self.outlet.report.failed(problem, tries, Some(wait));
             let again = Instant::now() + wait;
             loop {
@@ -365,9 +359,7 @@ impl Driver {
     /// The outbox is closed, and removed with its outlet.
     async fn end(self) {
         self.recorded.outbox.end(CLOSE_MAX).await;
-        let config = self.outlet.service.config();
-        let now = config.outlets.get(&self.outlet.name);
-        if now.is_none_or(|now| now.kind != super::KIND.name) {
+        if self.outlet.is_gone() {
             outbox::remove(&self.outlet.outbox_file());
             // What stays is removed by the next outlet of this kind.
             let _ = std::fs::remove_file(self.outlet.kept());
@@ -470,10 +462,8 @@ fn installation(outlet: &Outlet) -> Result<[u8; INSTALLATION_LEN], Problem> {
 
 /// Connects once beside the run, and says which server it is.
 pub(super) async fn test(outlet: Outlet) -> Result<String, Problem> {
-    let access = FleetAccess::of(&outlet.settings.borrow());
-    let (claims, _) = credentials(&access.credentials)?;
     let stopped = outlet.stopped();
-    let (connection, _) = tokio::select! {
+    let (connection, claims) = tokio::select! {
         () = stopped => return Err(ended(&"stopped")),
         opened = Connection::open(&outlet) => opened?,
     };

@@ -10,7 +10,7 @@ use super::topics::Topics;
 use super::turns::Turns;
 use crate::northbound::broker::link::{self, Filter, Heard, Login, Receiver, Sender, Step};
 use crate::northbound::broker::message::{Message, Verdict};
-use crate::northbound::broker::session::{connected, pump, wait};
+use crate::northbound::broker::session::{Tries, connected, pump};
 use crate::northbound::broker::settings::Broker;
 use crate::northbound::broker::{Alive, Dial, WINDOW, session};
 use crate::northbound::outbox::{self, OutboxHandle, Reading};
@@ -28,8 +28,6 @@ use tokio::sync::mpsc;
 use tokio::task::JoinSet;
 use tokio::time::Instant;
 
-/// A connection that has lasted for so long was no failure.
-const STEADY: Duration = Duration::from_secs(30);
 /// At the end, the broker has this time to take what is left.
 const LINGER: Duration = Duration::from_millis(900);
 /// The outbox has this time to write what waits.
@@ -130,7 +128,7 @@ impl Driver {
         self.drive(None);
         let stopped = self.outlet.stopped();
         let mut stopped = pin!(stopped);
-        let mut tries = 0;
+        let mut tries = Tries::default();
         loop {
             let begun = Instant::now();
             let login = self.login();
@@ -148,17 +146,14 @@ impl Driver {
                         .await;
                     self.node.handle(self.began.elapsed(), Input::Lost);
                     self.drive(None);
+                    tries.connected_since(begun);
                     match end {
                         Ended::Stopped => return,
                         Ended::Broken(problem) => problem,
                     }
                 }
             };
-            if begun.elapsed() >= STEADY {
-                tries = 0;
-            }
-            tries += 1;
-            let wait = wait(tries);
+            let (tries, wait) = tries.failed();
             self.outlet.report.failed(problem, tries, Some(wait));
             let waiting = pin!(tokio::time::sleep(wait));
             let end = tokio::select! {
@@ -176,7 +171,7 @@ impl Driver {
         if let Some(outbox) = self.outbox {
             outbox.end(CLOSE_MAX).await;
         }
-        if is_gone(&self.outlet) {
+        if self.outlet.is_gone() {
             outbox::remove(&self.outlet.outbox_file());
         }
     }
@@ -452,7 +447,7 @@ impl Driver {
     fn stop(&mut self) {
         // What is at these topics is the other's if there is one. That one may not reach the
         // broker, so `bridge/state` does not stay as if it had.
-        self.is_gone = is_gone(&self.outlet) && !self.is_taken_over();
+        self.is_gone = self.outlet.is_gone() && !self.is_taken_over();
         let stop = Input::Stop {
             is_gone: self.is_gone,
         };
@@ -483,13 +478,6 @@ impl Driver {
             self.outlet.report.failed(dial.forbidden(&topic), 1, None);
         }
     }
-}
-
-/// Whether the configuration has an outlet no longer.
-fn is_gone(outlet: &Outlet) -> bool {
-    let config = outlet.service.config();
-    let now = config.outlets.get(&outlet.name);
-    now.is_none_or(|now| now.kind != super::KIND.name)
 }
 
 /// Commands that the broker kept are of another time.

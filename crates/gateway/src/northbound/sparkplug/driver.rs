@@ -6,7 +6,7 @@ use super::settings;
 use super::topics::Topics;
 use super::{KIND, backlog};
 use crate::northbound::broker::link::{self, Heard, Login, Receiver, Sender, Step};
-use crate::northbound::broker::session::{self, connected, pump, wait};
+use crate::northbound::broker::session::{self, Tries, connected, pump};
 use crate::northbound::broker::settings::Broker;
 use crate::northbound::broker::{Alive, Dial, WINDOW};
 use crate::northbound::command_end::CommandEnd;
@@ -24,8 +24,6 @@ use tokio::sync::mpsc;
 use tokio::task::JoinSet;
 use tokio::time::Instant;
 
-/// A connection that has lasted for so long was no failure.
-const STEADY: Duration = Duration::from_secs(30);
 /// At the end, the broker has this time to take the death of the node.
 const LINGER: Duration = Duration::from_millis(900);
 /// The outbox has this time to write what waits.
@@ -111,7 +109,7 @@ impl Driver {
         self.drive(None);
         let stopped = self.outlet.stopped();
         let mut stopped = pin!(stopped);
-        let mut tries = 0;
+        let mut tries = Tries::default();
         loop {
             let begun = Instant::now();
             let (broker, login) = self.login();
@@ -147,9 +145,7 @@ impl Driver {
                     let end = self.serve(connection, stopped.as_mut()).await;
                     self.handle(Input::Lost);
                     self.drive(None);
-                    if begun.elapsed() >= STEADY {
-                        tries = 0;
-                    }
+                    tries.connected_since(begun);
                     match end {
                         Ended::Stopped => return,
                         Ended::HostGone => continue,
@@ -157,8 +153,7 @@ impl Driver {
                     }
                 }
             };
-            tries += 1;
-            let wait = wait(tries);
+            let (tries, wait) = tries.failed();
             self.outlet.report.failed(problem, tries, Some(wait));
             let waiting = pin!(tokio::time::sleep(wait));
             let end = tokio::select! {
