@@ -290,7 +290,8 @@ async def centre(s):
     await streams.publish("rb.audit", b"somebody did something")
     for subject in ("$JS.API.STREAM.DELETE.AUDIT", "$JS.API.STREAM.PURGE.AUDIT",
                     "$JS.API.STREAM.MSG.DELETE.AUDIT", "$JS.API.STREAM.UPDATE.AUDIT",
-                    "$JS.API.STREAM.RESTORE.AUDIT", f"rb.up.{OWN}.data"):
+                    "$JS.API.STREAM.RESTORE.AUDIT", "$JS.API.STREAM.PEER.REMOVE.AUDIT",
+                    f"rb.up.{OWN}.data"):
         said = await forbidden(
             s.hub, lambda subject=subject: s.hub.publish(subject, b'{"seq": 1}'), subject)
         s.check(entry, said, 1, subject)

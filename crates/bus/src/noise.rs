@@ -29,7 +29,7 @@ impl Bus {
     }
 
     /// Whether a reply of [`NAMELESS_MAX`] bytes, after `skip` others, was found in noise: there it
-    /// stands by chance before long, and would say of a relay what nobody said.
+    /// turns up by chance, and would be taken for the module's answer.
     #[cold]
     pub(crate) fn may_be_noise(&self, exchange: &Exchange<'_>, skip: usize) -> bool {
         let is_nameless = matches!(exchange, Exchange::Ascii(_));

@@ -1,12 +1,12 @@
 //! Certificates of the servers, from an authority that signs nothing else.
 
+use crate::DAY_S;
 use rcgen::{
     BasicConstraints, Certificate, CertificateParams, DnType, ExtendedKeyUsagePurpose, IsCa,
     Issuer, KeyPair, KeyUsagePurpose, date_time_ymd,
 };
 use std::time::Duration;
 
-const DAY: u64 = 86_400;
 /// How many days the authority is valid.
 const AUTHORITY_DAYS: u64 = 20 * 365;
 /// How many days a server's certificate is valid.
@@ -82,7 +82,7 @@ impl Authority {
 fn valid(mut params: CertificateParams, now: u64, days: u64) -> CertificateParams {
     let epoch = date_time_ymd(1970, 1, 1);
     let at = |seconds: u64| epoch + Duration::from_secs(seconds);
-    params.not_before = at(now.saturating_sub(SLOW_CLOCKS_DAYS * DAY));
-    params.not_after = at(now.saturating_add(days * DAY));
+    params.not_before = at(now.saturating_sub(SLOW_CLOCKS_DAYS * DAY_S));
+    params.not_after = at(now.saturating_add(days * DAY_S));
     params
 }

@@ -1,5 +1,5 @@
-//! Claims of NATS: who somebody is and what he may do, signed by who may say so. JSON Web Tokens of
-//! version 2, as `github.com/nats-io/jwt` has them; the judge is the server.
+//! Claims of NATS: the name and the rights of a key, signed by the key that grants them. JSON Web
+//! Tokens of version 2, as `github.com/nats-io/jwt` has them; the judge is the server.
 
 use crate::grants::{self, Shared};
 use data_encoding::{BASE32_NOPAD, BASE64URL_NOPAD};
@@ -7,7 +7,7 @@ use nkeys::KeyPair;
 use serde_json::{Map, Value, json};
 use sha2::{Digest, Sha512_256};
 
-/// How many days the claims of a site are valid. They are renewed while it is connected.
+/// How many days the claims of a site are valid. After that its file has to be replaced.
 pub const SITE_DAYS: u64 = 90;
 
 /// Claims without a signature.
@@ -134,7 +134,7 @@ mod tests {
     use super::*;
 
     /// The parts of claims, their signature checked.
-    pub(crate) fn read(token: &str, by: &KeyPair) -> (Value, Value) {
+    fn read(token: &str, by: &KeyPair) -> (Value, Value) {
         let parts: Vec<&str> = token.split('.').collect();
         let signed = format!("{}.{}", parts[0], parts[1]);
         let signature = BASE64URL_NOPAD.decode(parts[2].as_bytes()).unwrap();

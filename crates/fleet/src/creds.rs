@@ -1,12 +1,10 @@
 //! A user's claims and his key as one file, in the form that every NATS client reads.
 
 use crate::claims::{self, Claims, SITE_DAYS};
-use crate::is_site_name;
+use crate::{DAY_S, is_site_name};
 use data_encoding::BASE64URL_NOPAD;
 use nkeys::{KeyPair, KeyPairType};
 use serde_json::Value;
-
-const DAY: u64 = 86_400;
 
 /// Why there are no credentials.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -66,7 +64,7 @@ pub fn site_creds(
         subject: &key.public_key(),
         name: site,
         issued: now,
-        expires: Some(now.saturating_add(SITE_DAYS * DAY)),
+        expires: Some(now.saturating_add(SITE_DAYS * DAY_S)),
         nats: claims::site(&account.public_key()),
     };
     let token = claims.sign(&signing).map_err(|_| CredsError::Signing)?;
@@ -131,7 +129,7 @@ mod tests {
         assert!(creds.contains("\nSU"), "{creds}");
         let claims = read_site_creds(&creds).unwrap();
         assert_eq!(claims.site, "plant7");
-        assert_eq!(claims.expires, Some(7 + SITE_DAYS * DAY));
+        assert_eq!(claims.expires, Some(7 + SITE_DAYS * DAY_S));
         for wrong in [
             "",
             "ey",

@@ -116,8 +116,8 @@ impl Account {
 ///
 /// - `offline/`: the keys that found it, needed for another server or another centre, and to revoke
 ///   a site. They belong away from every machine of the fleet.
-/// - `hub/`: what the centre needs. With it sites are admitted: whoever has it can be any site, and
-///   command all.
+/// - `hub/`: what the centre needs to admit sites. Whoever steals it can impersonate and command
+///   every site.
 /// - `server1/` and so on: what each server needs, with its configuration.
 ///
 /// # Errors

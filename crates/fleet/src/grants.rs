@@ -1,9 +1,9 @@
 //! Who may publish and hear what. The tables of docs/decisions/0051 as data.
 //!
 //! Sites and the centre have accounts of their own at the servers, and see of each other's subjects
-//! only what is shared here. With one account for both, a site could have the answer to a request
-//! stored: whoever asks names the subject of the answer, no server checks it, and so the answer
-//! would have come into the stream with that subject.
+//! only what is shared here. With one account for both, a site could have the reply to a request
+//! stored: a request names its reply subject, no server checks that, and the reply would have come
+//! into the stream of that subject.
 
 use serde_json::{Value, json};
 
@@ -14,7 +14,7 @@ const SITE_SUBSCRIPTIONS_MAX: u64 = 64;
 /// How long a site has to answer a request, in nanoseconds.
 const ANSWER_WITHIN_NS: u64 = 60_000_000_000;
 /// The site's name in the template of its rights. The server puts it in from the signed claims of
-/// whoever connects.
+/// the client.
 const SITE: &str = "{{name()}}";
 
 /// What one account shares with another.
@@ -103,7 +103,7 @@ pub(crate) fn hub() -> Value {
             "deny": [
                 "$JS.API.STREAM.DELETE.AUDIT", "$JS.API.STREAM.PURGE.AUDIT",
                 "$JS.API.STREAM.MSG.DELETE.AUDIT", "$JS.API.STREAM.UPDATE.AUDIT",
-                "$JS.API.STREAM.RESTORE.AUDIT",
+                "$JS.API.STREAM.RESTORE.AUDIT", "$JS.API.STREAM.PEER.REMOVE.AUDIT",
             ],
         },
         "sub": { "allow": ["rb.>", "_INBOX.>"] },

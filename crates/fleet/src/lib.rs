@@ -14,6 +14,9 @@
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
+/// A day, in seconds.
+const DAY_S: u64 = 86_400;
+
 mod certificates;
 mod claims;
 mod creds;

@@ -211,7 +211,7 @@ pub enum UplinkValue {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, prost::Enumeration)]
 #[repr(i32)]
 pub enum ReadingQuality {
-    /// A newer site says something that is not known here.
+    /// A value of a newer version.
     Unspecified = 0,
     /// Read, and not older than its limit.
     Good = 1,

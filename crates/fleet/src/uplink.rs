@@ -1,9 +1,8 @@
-//! A site's side of its way to the centre, without I/O: it asks for the session, says that it is
-//! there, and sends the entries of its outbox in their order until the centre's servers have them.
+//! The site's end of its connection to the centre, without I/O: it asks for a session, sends
+//! heartbeats, and sends the entries of its outbox until the centre's servers have stored them.
 //!
-//! Nothing is sent without a session, so that of two sites with one key only one is heard. What is
-//! not acknowledged is sent again, with the same message id: a server that has it already says so,
-//! and a receiver knows it by its number.
+//! Nothing is sent without a session, so that of two machines with one key only one reports. What
+//! is not acknowledged is sent again; a receiver recognises it by its numbers.
 
 mod transfer;
 
@@ -24,17 +23,17 @@ const BATCH_MAX: usize = 64 << 10;
 const MESSAGE_MAX: usize = 1 << 20;
 /// What belongs to a message besides what it says, in bytes: subjects and headers.
 const AROUND: usize = 1_024;
-/// How often it says that it is there.
+/// The interval of heartbeats.
 const BEAT: Duration = Duration::from_secs(10);
-/// How often it says how everything is.
+/// The interval of the state of all points.
 const STATE: Duration = Duration::from_secs(15 * 60);
-/// Whoever does not answer within this time does not.
+/// The timeout of a request for a session.
 const ANSWER_MAX: Duration = Duration::from_secs(10);
-/// When it asks again where nobody is at the centre.
+/// The retry interval while the centre is away.
 const AWAY: Duration = Duration::from_secs(5);
-/// The same where another has its session.
+/// The same after it was refused a session.
 const TAKEN: Duration = Duration::from_secs(300);
-/// When it says again how everything is, if that did not arrive.
+/// The same while it is not acknowledged.
 const STATE_AGAIN: Duration = Duration::from_secs(60);
 
 /// How many messages that say how everything is are remembered: their answers count.
@@ -60,7 +59,7 @@ pub enum UplinkInput<'i> {
     Connected(usize),
     /// There is none any more.
     Lost,
-    /// The answer to this message; none if nobody listens there.
+    /// The reply to this message; none if it has no responder.
     Answer(u64, Option<&'i [u8]>),
     /// The centre ended the session of this name.
     Ended(&'i str),
@@ -102,7 +101,7 @@ pub enum UplinkOutput {
 /// Why nothing is sent, or nothing arrives.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum UplinkFault {
-    /// Nobody is at the centre.
+    /// The centre does not answer.
     Away,
     /// The centre gives no session, with this code and reason.
     NoSession(String, String),
@@ -131,9 +130,9 @@ pub struct UpMessage {
 #[derive(Debug, PartialEq, Eq)]
 enum Session {
     Offline,
-    /// It asks at this time.
+    /// Asks at this time.
     Waits(Duration),
-    /// It has asked, with this number, and knows at this time that nobody answers.
+    /// Asked, with this number; the request times out at this time.
     Asked(u64, Duration),
     Has(String),
 }
@@ -355,7 +354,7 @@ impl Uplink {
     }
 
     fn work(&mut self, now: Duration) {
-        // Whoever hears that it is there believes what it told last.
+        // A heartbeat vouches for the values that were sent.
         if self.beat_at.is_none_or(|at| at <= now) && self.can_vouch() {
             self.beat_at = Some(now + BEAT);
             self.beat(now);

@@ -13,8 +13,8 @@ use std::time::Duration;
 const FLYING_MAX: usize = 16;
 /// A change waits so long for others, if nothing else is to be sent.
 pub(super) const GATHER: Duration = Duration::from_secs(1);
-/// Whoever does not answer within this time does not, besides the time that what is under way takes
-/// on the slowest line.
+/// The timeout of an acknowledgement, besides the time that what is under way takes on the slowest
+/// line.
 const ANSWER_MAX: Duration = Duration::from_secs(10);
 /// The slowest line, in bytes a second: 64 kbit/s.
 const SLOWEST: u64 = 8_000;

@@ -51,8 +51,9 @@ pub(crate) fn page(cells: &[Cell], sum: &Report) -> String {
          - **false confirmations**: a command was said to be done and was not.\n\
          - **false denials**: a command was said not to have acted, and had.\n\
          - **doubled**: an output that is toggled or pulsed acted more often than commanded.\n\
-         - **past the checksum**: a value, confirmation, denial or action that was wrong where characters \
-         had been spoilt on the way. ASCII without its checksum has no means to notice; the 8-bit \
+         - **past the checksum**: a value, confirmation, denial or action that was wrong where \
+         characters had been spoilt on the way. ASCII without its checksum has no means to \
+         notice; the 8-bit \
          sums of LC-02, the 0x55 boards and ASCII miss one spoilt frame in some hundreds. Use \
          Modbus RTU, or the ASCII checksum, where a line is bad.\n\n\
          Half of the seeds have an echoing adapter, a third hear everything in random pieces; \

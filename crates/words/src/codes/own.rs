@@ -103,7 +103,8 @@ codes! {
         title: ["a file of the fleet can't be used", "无法使用站群的文件"],
         likely: ["wrong folder · it is there already · no permission · disk full",
             "文件夹有误 · 文件已存在 · 无权限 · 磁盘已满"],
-        next: ["see the file and the reason after \"why\"", "查看“原因”后的文件和说明"],
+        next: ["check that the path is right, and who may read and write there",
+            "检查路径是否正确，以及该处的读写权限"],
     }
     NoHistory = "E0170" {
         title: ["no history available", "没有历史记录"],

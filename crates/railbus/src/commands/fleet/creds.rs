@@ -3,10 +3,10 @@
 use super::FleetText;
 use crate::commands::Context;
 use clap::{ArgMatches, Command};
-use jiff::{Timestamp, ToSpan};
+use jiff::Timestamp;
 use railbus_app::failure::Failure;
 use railbus_app::render::{Format, out, records};
-use railbus_fleet::{CredsError, SITE_DAYS, site_creds};
+use railbus_fleet::{CredsError, read_site_creds, site_creds};
 use railbus_words::time::rfc3339;
 use railbus_words::{Code, Lang};
 use serde_json::json;
@@ -53,8 +53,11 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
         }
     })?;
     create(lang, &file, &creds)?;
-    let days = i64::try_from(SITE_DAYS).unwrap_or_default();
-    let until = Timestamp::now().checked_add((days * 24).hours());
+    let until = read_site_creds(&creds)
+        .ok()
+        .and_then(|claims| claims.expires);
+    let until = until.and_then(|at| i64::try_from(at).ok());
+    let until = until.and_then(|at| Timestamp::from_second(at).ok());
     let until = until.map(rfc3339).unwrap_or_default();
     let path = file.display().to_string();
     let text = match context.format {

@@ -56,7 +56,7 @@ railbus_words::texts! {
         zh: "站点名由 1 至 64 个 a-z、0-9、- 或 _ 组成",
     }
     CredsMade {
-        en: "{site} can connect with it until {day}; carry it there by a way you trust",
-        zh: "{site} 可用它连接至 {day}；请经可信途径送达",
+        en: "valid until {day}: replace it before; carry it to {site} by a way you trust",
+        zh: "有效期至 {day}，请在此之前更换；请经可信途径送达 {site}",
     }
 }
