@@ -2,7 +2,7 @@
 
 use crate::dice::Dice;
 use crate::http::Ask;
-use crate::oracle::OnceOnly;
+use crate::oracle::{OnceOnly, ToldEnd};
 use railbus_device::{Family, Point, PointKind, Setup};
 use serde_json::{Map, Value, json};
 
@@ -19,8 +19,7 @@ pub(super) struct Order {
 pub(super) struct Told {
     /// `readback`, `reply`, or the code of what went wrong.
     pub(super) how: String,
-    /// It is reported as done.
-    pub(super) done: bool,
+    pub(super) end: ToldEnd,
     /// The reported states of these outputs.
     pub(super) now: (u32, u32),
 }
@@ -87,9 +86,14 @@ impl Order {
                 now = (now.0 | 1 << output, now.1 | u32::from(on) << output);
             }
         }
+        let end = match answer["confirmed"].as_str() {
+            Some("readback" | "reply") => ToldEnd::Done,
+            None if answer["may_have_acted"] != true => ToldEnd::NotDone,
+            _ => ToldEnd::Unknown,
+        };
         Ok(Told {
             how: how.to_owned(),
-            done: answer["confirmed"] == "readback" || answer["confirmed"] == "reply",
+            end,
             now,
         })
     }

@@ -3,7 +3,7 @@
 use super::order::{Order, once_only};
 use crate::dice::Dice;
 use crate::http::{ask, get};
-use crate::oracle::{Oracle, Told};
+use crate::oracle::{Oracle, Told, ToldEnd};
 use crate::site::{Site, said};
 use railbus_conformance::Bench;
 use railbus_device::{PointKind, Setup};
@@ -197,22 +197,23 @@ impl Plant {
             seat: seat.index,
             began,
             how: told.how.clone(),
-            done: told.done,
+            done: told.end == ToldEnd::Done,
             lit,
         });
         let spoiling = self.spoilt_since(began);
         let mut judge = lock(&self.judge);
-        judge.ended(ticket, told.done, self.now(), self.spoilt());
+        judge.ended(ticket, told.end, self.now(), self.spoilt());
         let (mask, on) = told.now;
         let outputs = Told::Outputs { mask, on };
         judge.told(seat.index, outputs, began, self.now(), spoiling);
         drop(judge);
-        if dark && (told.done || mask != 0) {
+        let done = told.end == ToldEnd::Done;
+        if dark && (done || mask != 0) {
             return Err(format!("without power all the while, and yet {answer}"));
         }
         // This module has no other commands: what is reported must still be so.
         let other = (shown ^ on) & mask | (shown ^ order.wish.1) & order.wish.0;
-        if lit && told.done && !spoiling && other != 0 {
+        if lit && done && !spoiling && other != 0 {
             return Err(format!("{answer}, but its board shows {shown:08b}"));
         }
         Ok(())
