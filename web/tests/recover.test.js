@@ -21,9 +21,10 @@ async function begin(lang, width) {
 
 /** A module gets address 9 behind the back of the configuration, by this frame. */
 async function move(name, bytes) {
-  await ask("POST", "/lines/main/send", { protocol: "rtu", bytes, complete: true, confirm: ["settings"] });
-  // A busy machine may hold up the reply, which is not waited for then; the module has moved all the same.
   await until(async () => {
+    // On a busy machine the module may hear it in one piece with the request before, and ignore both; and
+    // the reply may come too late. Once it has moved, nobody has this address.
+    await ask("POST", "/lines/main/send", { protocol: "rtu", bytes, complete: true, confirm: ["settings"] });
     const { lines } = await ask("GET", "/sim");
     return lines[0].modules.find(({ module }) => module === name).address === 9;
   });
