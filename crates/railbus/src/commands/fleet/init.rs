@@ -8,7 +8,7 @@ use railbus_app::failure::Failure;
 use railbus_app::render::out;
 use railbus_app::render::records::Records;
 use railbus_app::render::table::Table;
-use railbus_fleet::founding::{FoundedFile, NodeAddress, found};
+use railbus_fleet::founding::{FoundedFile, FoundingError, NodeAddress, found};
 use railbus_store::durable;
 use railbus_words::{Code, Lang};
 use serde_json::json;
@@ -49,12 +49,8 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
     let folder: PathBuf = absolute.components().collect();
     let nodes = matches.get_many::<NodeAddress>("nats");
     let nodes: Vec<NodeAddress> = nodes.into_iter().flatten().cloned().collect();
-    let files = found(&nodes, super::now()).map_err(|error| {
-        Failure::new(
-            Code::Usage,
-            lang.fill(FleetText::NotFounded, &[("why", &error)]),
-        )
-    })?;
+    let files = found(&nodes, super::now())
+        .map_err(|error| Failure::new(Code::Usage, not_founded(lang, &error)))?;
     write(lang, &folder, &files)?;
     // `.` is another folder than before by now.
     let shown = match given.file_name() {
@@ -64,6 +60,14 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
     out::result(lang, &folders(lang, &shown, &nodes).render(context.format))?;
     context.note(lang.get(FleetText::Offline));
     Ok(())
+}
+
+fn not_founded(lang: Lang, error: &FoundingError) -> String {
+    match error {
+        FoundingError::Count(count) => lang.fill(FleetText::BadCount, &[("count", count)]),
+        FoundingError::Twice(server) => lang.fill(FleetText::NamedTwice, &[("server", server)]),
+        FoundingError::Key(why) => lang.fill(FleetText::NoKey, &[("why", why)]),
+    }
 }
 
 /// Writes them into a folder beside, which then becomes the one of the fleet: whole or not at all,

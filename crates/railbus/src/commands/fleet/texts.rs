@@ -24,13 +24,24 @@ railbus_words::texts! {
             servers reach it at a port 2000 higher [port: 4222]",
         zh: "服务器：1、3 或 5 个主机名或 IPv4 地址。服务器之间使用高 2000 的端口 [端口：4222]",
     }
-    NotFounded { en: "no fleet was made: {why}", zh: "未生成站群：{why}" }
+    BadCount {
+        en: "no fleet was made: {count} servers, and there can be 1, 3 or 5",
+        zh: "未生成站群：给出了 {count} 台服务器，只能为 1、3 或 5 台",
+    }
+    NamedTwice {
+        en: "no fleet was made: {server} is named twice",
+        zh: "未生成站群：{server} 重复",
+    }
+    NoKey { en: "no key can be made: {why}", zh: "无法生成密钥：{why}" }
     NotEmpty {
         en: "there is something in it already, which is left as it is",
         zh: "其中已有内容，未作任何改动",
     }
     Head { en: "FOLDER|WHAT FOR", zh: "文件夹|用途" }
-    ForHub { en: "for the centre: who has it can be any site", zh: "供中心使用：持有者可冒充任何站点" }
+    ForHub {
+        en: "for the centre: whoever holds it can impersonate any site",
+        zh: "供中心使用：持有者可冒充任何站点",
+    }
     ForOffline {
         en: "all other keys: keep them on no machine of the fleet",
         zh: "其余密钥：不要保存在站群的任何机器上",
