@@ -114,8 +114,8 @@ def servers_away(s):
     entry = "servers that are away"
     good = s.centre.form.Quality.GOOD
     s.fleet.kill(0)
-    until(lambda: s.state()[1] == "E0946")
-    s.check(entry, s.state()[1], "E0946", "it says so")
+    until(lambda: s.state()[1] == "E0165")
+    s.check(entry, s.state()[1], "E0165", "it says so")
     for value in (False, True, False):
         s.ask("PUT", "/points/oven/k1", {"value": value})
     s.sim.do("hall.di1 = 0")
@@ -153,7 +153,7 @@ def servers_forget(s):
     s.check(entry, {key: after.get(key) for key in before}, before, "all is there again")
     wanted.epoch = "another"
     answer = form.ResendAnswer.FromString(s.centre.ask(ask, wanted.SerializeToString()))
-    s.check(entry, answer.refusal.code, "E0947", "of another outbox")
+    s.check(entry, answer.refusal.code, "E0166", "of another outbox")
     answer = form.ResendAnswer.FromString(s.centre.ask(ask, b"\xff\xff"))
     s.check(entry, answer.refusal.code, "E0806", "no message")
     s.check(entry, s.outlet()["queue"], 0, "nothing waits")
@@ -167,16 +167,16 @@ def centre_away(s):
     # It asks for a session when it starts.
     s.daemon.end("KILL")
     s.daemon.start()
-    until(lambda: s.state()[1] == "E0943")
-    s.check(entry, s.state()[1], "E0943", "it says so")
+    until(lambda: s.state()[1] == "E0163")
+    s.check(entry, s.state()[1], "E0163", "it says so")
     count = len(s.centre.stored())
     beats = len(s.centre.heard["beat"])
     s.ask("PUT", "/points/oven/k1", {"value": True})
     s.check(entry, until(lambda: s.outlet()["queue"] > 0), True, "changes wait")
-    s.centre.refusal = ("E0944", "another machine is this site")
+    s.centre.refusal = ("E0935", "another machine is this site")
     s.centre.listen()
-    until(lambda: s.state()[1] == "E0944")
-    s.check(entry, s.state()[1], "E0944", "refused")
+    until(lambda: s.state()[1] == "E0935")
+    s.check(entry, s.state()[1], "E0935", "refused")
     s.check(entry, len(s.centre.stored()), count, "no data without a session")
     s.check(entry, len(s.centre.heard["beat"]), beats, "no beat without a session")
     s.centre.refusal = None
@@ -195,7 +195,7 @@ def centre_away(s):
     until(lambda: s.centre.heard["beat"][-1][1].session == session)
     until(lambda: s.outlet()["queue"] == 0)
     s.check(entry, s.centre.ask(f"rb.down.{SITE}.{session}.end"), b"", "it is answered")
-    until(lambda: s.state()[1] == "E0944")
+    until(lambda: s.state()[1] == "E0935")
     count, beats = len(s.centre.stored()), len(s.centre.heard["beat"])
     s.ask("PUT", "/points/oven/k1", {"value": False})
     s.check(entry, until(lambda: s.outlet()["queue"] > 0), True, "changes wait")
@@ -217,12 +217,12 @@ def keys(s, other):
     empty.write_text("nothing", encoding="utf-8")
     before = s.settings
     for settings, code, what in (
-        ({"credentials": wrong}, "E0942", "the key of another"),
+        ({"credentials": wrong}, "E0934", "the key of another"),
         ({"credentials": str(empty)}, "E0160", "no credentials"),
         ({"credentials": str(folder / "none")}, "E0160", "no file"),
-        ({"ca": None}, "E0941", "another authority"),
-        ({"servers": [f"localhost:{s.fleet.ports[0]}"]}, "E0941", "a server by another name"),
-        ({"servers": [f"{HOST}:1"]}, "E0940", "nobody there"),
+        ({"ca": None}, "E0162", "another authority"),
+        ({"servers": [f"localhost:{s.fleet.ports[0]}"]}, "E0162", "a server by another name"),
+        ({"servers": [f"{HOST}:1"]}, "E0161", "nobody there"),
     ):
         kept = {**before, **settings}
         s.settings = {key: value for key, value in kept.items() if value is not None}
@@ -248,8 +248,8 @@ def renewed(s, other):
     before = error().get("at")
     s.fleet.kill(0)
     # It has tried with all that it had.
-    until(lambda: error().get("at") != before and s.state()[1] == "E0940")
-    s.check(entry, s.state()[1], "E0940", "nobody is there")
+    until(lambda: error().get("at") != before and s.state()[1] == "E0161")
+    s.check(entry, s.state()[1], "E0161", "nobody is there")
     shutil.copy(other, s.settings["credentials"])
     s.fleet.start(0)
     s.centre.again()

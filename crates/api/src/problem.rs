@@ -269,21 +269,21 @@ pub mod codes {
         /// Also `path`, `reason`.
         FLEET_FILE = "E0160", 500;
         /// Also `reason`.
-        FLEET_UNREACHED = "E0940", 502;
+        FLEET_UNREACHED = "E0161", 502;
         /// Also `reason`.
-        FLEET_TLS = "E0941", 502;
+        FLEET_TLS = "E0162", 502;
         /// Also `reason`.
-        FLEET_LOGIN = "E0942", 502;
+        FLEET_LOGIN = "E0934", 502;
         /// The centre does not answer.
-        FLEET_AWAY = "E0943", 503;
+        FLEET_AWAY = "E0163", 503;
         /// Also `reason`.
-        FLEET_TAKEN = "E0944", 409;
+        FLEET_TAKEN = "E0935", 409;
         /// Also `reason`.
-        FLEET_NOT_STORED = "E0945", 503;
+        FLEET_NOT_STORED = "E0164", 503;
         /// Also `reason`.
-        FLEET_ENDED = "E0946", 502;
+        FLEET_ENDED = "E0165", 502;
         /// The centre asks for entries of another outbox.
-        FLEET_EPOCH = "E0947", 409;
+        FLEET_EPOCH = "E0166", 409;
         /// Also `reason`: its host ID.
         HOST_AWAY = "E0833", 503;
         /// Also `name`.

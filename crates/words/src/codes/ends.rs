@@ -211,62 +211,19 @@ codes! {
             the integration",
             "与客户端显示的指纹核对后，将其加入集成的 trusted"],
     }
-    FleetUnreached = "E0940" {
-        title: ["no server of the fleet can be reached", "无法连接站群的服务器"],
-        likely: ["wrong host or port · the servers are not running · no network connection",
-            "主机或端口有误 · 服务器未运行 · 网络不通"],
-        next: ["test the way from this machine: openssl s_client -connect HOST:4222",
-            "在本机测试：openssl s_client -connect 主机:4222"],
-    }
-    FleetTls = "E0941" {
-        title: ["no trusted connection to the servers of the fleet", "无法与站群服务器建立可信连接"],
-        likely: ["ca is not that of this fleet · the server is named otherwise than in its \
-            certificate · the clock is wrong",
-            "ca 不属于该站群 · 服务器名称与证书不符 · 本机时钟有误"],
-        next: ["set ca to ca.pem of the fleet, and servers as railbus fleet init had them",
-            "将 ca 设为该站群的 ca.pem，servers 与 railbus fleet init 时一致"],
-    }
-    FleetLogin = "E0942" {
+    FleetLogin = "E0934" {
         title: ["the servers of the fleet do not accept this site", "站群服务器不接受该站点"],
         likely: ["its credentials have expired or were revoked · they are of another fleet",
             "凭据已过期或被吊销 · 凭据属于其他站群"],
         next: ["make new ones: railbus fleet creds DIR SITE FILE",
             "重新生成：railbus fleet creds 文件夹 站点 文件"],
     }
-    FleetAway = "E0943" {
-        title: ["nobody answers at the centre of the fleet", "站群中心无应答"],
-        likely: ["its program is not running · it is being updated", "中心程序未运行 · 正在更新"],
-        next: ["start it again: changes are kept on the disk for replay_days, in 512 MB at most",
-            "重新启动中心：变化在磁盘上保留 replay_days 天，最多 512 MB"],
-    }
-    FleetTaken = "E0944" {
+    FleetTaken = "E0935" {
         title: ["the centre of the fleet does not give this site a session", "站群中心未给该站点会话"],
         likely: ["another machine reports as this site: a copied disk, or a file given twice",
             "另一台机器正以该站点上报：磁盘被复制，或凭据文件重复使用"],
         next: ["stop the other one, or make credentials of its own for it",
             "停用另一台，或为其生成单独的凭据"],
-    }
-    FleetNotStored = "E0945" {
-        title: ["the servers of the fleet do not take data", "站群服务器未接收数据"],
-        likely: ["most of them are down · their disk is full · a limit is reached",
-            "多数服务器停机 · 磁盘已满 · 达到限额"],
-        next: ["see the servers' logs: it is tried again, and changes are kept on the disk \
-            meanwhile",
-            "查看服务器日志：系统会重试，其间变化保存在磁盘上"],
-    }
-    FleetEnded = "E0946" {
-        title: ["the connection to the fleet ended", "与站群的连接已断开"],
-        likely: ["a server was restarted · the network failed · a right is missing",
-            "服务器重启 · 网络故障 · 缺少权限"],
-        next: ["wait: it connects again, and changes are kept on the disk meanwhile",
-            "等待即可：系统会重新连接，其间变化保存在磁盘上"],
-    }
-    FleetEpoch = "E0947" {
-        title: ["these are the numbers of other entries", "这些编号属于其他记录"],
-        likely: ["the file with the changes of this site was broken, and begun anew",
-            "该站点的变化文件已损坏，并重新开始"],
-        next: ["what it had and was not delivered is lost; the site says so",
-            "其中未送达的内容已丢失，站点会说明"],
     }
     Differs = "E1001" {
         title: ["differences were found", "发现差异"],

@@ -106,6 +106,49 @@ codes! {
         next: ["check that the path is right, and who may read and write there",
             "检查路径是否正确，以及该处的读写权限"],
     }
+    FleetUnreached = "E0161" {
+        title: ["no server of the fleet can be reached", "无法连接站群的服务器"],
+        likely: ["wrong host or port · the servers are not running · no network connection",
+            "主机或端口有误 · 服务器未运行 · 网络不通"],
+        next: ["test the way from this machine: openssl s_client -connect HOST:4222",
+            "在本机测试：openssl s_client -connect 主机:4222"],
+    }
+    FleetTls = "E0162" {
+        title: ["no trusted connection to the servers of the fleet", "无法与站群服务器建立可信连接"],
+        likely: ["ca is not that of this fleet · the server is named otherwise than in its \
+            certificate · the clock is wrong",
+            "ca 不属于该站群 · 服务器名称与证书不符 · 本机时钟有误"],
+        next: ["set ca to ca.pem of the fleet, and servers as railbus fleet init had them",
+            "将 ca 设为该站群的 ca.pem，servers 与 railbus fleet init 时一致"],
+    }
+    FleetAway = "E0163" {
+        title: ["nobody answers at the centre of the fleet", "站群中心无应答"],
+        likely: ["its program is not running · it is being updated", "中心程序未运行 · 正在更新"],
+        next: ["start it again: changes are kept on the disk for replay_days, in 512 MB at most",
+            "重新启动中心：变化在磁盘上保留 replay_days 天，最多 512 MB"],
+    }
+    FleetNotStored = "E0164" {
+        title: ["the servers of the fleet do not take data", "站群服务器未接收数据"],
+        likely: ["most of them are down · their disk is full · a limit is reached",
+            "多数服务器停机 · 磁盘已满 · 达到限额"],
+        next: ["see the servers' logs: it is tried again, and changes are kept on the disk \
+            meanwhile",
+            "查看服务器日志：系统会重试，其间变化保存在磁盘上"],
+    }
+    FleetEnded = "E0165" {
+        title: ["the connection to the fleet ended", "与站群的连接已断开"],
+        likely: ["a server was restarted · the network failed · a right is missing",
+            "服务器重启 · 网络故障 · 缺少权限"],
+        next: ["wait: it connects again, and changes are kept on the disk meanwhile",
+            "等待即可：系统会重新连接，其间变化保存在磁盘上"],
+    }
+    FleetEpoch = "E0166" {
+        title: ["these are the numbers of other entries", "这些编号属于其他记录"],
+        likely: ["the file with the changes of this site was broken, and begun anew",
+            "该站点的变化文件已损坏，并重新开始"],
+        next: ["what it had and was not delivered is lost; the site says so",
+            "其中未送达的内容已丢失，站点会说明"],
+    }
     NoHistory = "E0170" {
         title: ["no history available", "没有历史记录"],
         likely: ["the daemon could not open its database · no daemon is running",
