@@ -6,7 +6,8 @@
 //! - Who may publish and hear what: `grants`. The same as signed claims that NATS servers obey:
 //!   `claims`. A key and its claims as a file: `creds`.
 //! - What site and centre say to each other: `message`. What a site says when, and up to where the
-//!   centre has its data: `uplink`.
+//!   centre has its data: `uplink`. Which machine is a site, which sites are there, and what is
+//!   known of their points: `centre`.
 //! - A new fleet with all its files: `founding`; a server's configuration: `server_file`; its
 //!   certificates: `certificates`.
 
@@ -17,6 +18,7 @@
 /// A day, in seconds.
 const DAY_S: u64 = 86_400;
 
+pub mod centre;
 mod certificates;
 mod claims;
 mod creds;

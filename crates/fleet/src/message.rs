@@ -238,6 +238,40 @@ pub struct SiteState {
     pub points: Vec<DataEntry>,
 }
 
+/// A document of the centre: which machine is a site now.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct SessionLease {
+    /// The name of its session.
+    #[prost(string, tag = "1")]
+    pub session: String,
+    /// As in [`Hello`].
+    #[prost(bytes = "vec", tag = "2")]
+    pub installation: Vec<u8>,
+    /// As in [`Hello`].
+    #[prost(bytes = "vec", tag = "3")]
+    pub boot: Vec<u8>,
+    /// Earlier runs that were the site, the newest last.
+    #[prost(message, repeated, tag = "4")]
+    pub before: Vec<EarlierRun>,
+    /// As in [`Hello`].
+    #[prost(string, tag = "5")]
+    pub version: String,
+    /// When it was given, in milliseconds since 1970.
+    #[prost(int64, tag = "6")]
+    pub granted_ms: i64,
+}
+
+/// A run of a program that was the site before.
+#[derive(Clone, PartialEq, Eq, prost::Message)]
+pub struct EarlierRun {
+    /// As in [`Hello`].
+    #[prost(bytes = "vec", tag = "1")]
+    pub boot: Vec<u8>,
+    /// The name of its last session.
+    #[prost(string, tag = "2")]
+    pub session: String,
+}
+
 impl From<&DroppedEntries> for Dropped {
     fn from(dropped: &DroppedEntries) -> Dropped {
         Dropped {

@@ -238,6 +238,11 @@ impl Uplink {
         self.transfer.resend(epoch, span)
     }
 
+    /// How every point is is wanted now.
+    pub const fn tell_state(&mut self) {
+        self.state_at = None;
+    }
+
     /// What is to be done at this time since the start, and at this one of the wall clock, in
     /// milliseconds since 1970.
     pub fn poll(&mut self, now: Duration, clock_ms: i64) -> Option<UplinkOutput> {
@@ -550,4 +555,4 @@ fn is_token(session: &str) -> bool {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -7,10 +7,14 @@ use railbus_store::outbox::{DroppedEntries, EntryKind};
 use std::collections::BTreeMap;
 
 fn identity() -> SiteIdentity {
+    identity_of([7; 16], [8; 16])
+}
+
+pub(crate) fn identity_of(installation: [u8; 16], boot: [u8; 16]) -> SiteIdentity {
     SiteIdentity {
         site: "plant7".to_owned(),
-        installation: [7; 16],
-        boot: [8; 16],
+        installation,
+        boot,
         version: "1.0.0".to_owned(),
     }
 }
@@ -30,12 +34,14 @@ fn entry(number: u64) -> OutboxEntry {
 
 /// The disk of a site: entries from one number on.
 #[derive(Default)]
-struct Disk {
+pub(crate) struct Disk {
     epoch: u64,
     entries: BTreeMap<u64, OutboxEntry>,
-    newest: u64,
-    delivered: u64,
+    pub(crate) newest: u64,
+    pub(crate) delivered: u64,
     is_failing: bool,
+    /// By so much the value of an entry is greater than its number.
+    pub(crate) value_from: u64,
 }
 
 impl Disk {
@@ -43,10 +49,11 @@ impl Disk {
         format!("E{}", self.epoch).into()
     }
 
-    fn append(&mut self, count: u64) {
+    pub(crate) fn append(&mut self, count: u64) {
         for _ in 0..count {
             self.newest += 1;
-            self.entries.insert(self.newest, entry(self.newest));
+            let value = self.value_from + self.newest;
+            self.entries.insert(self.newest, entry(value));
         }
     }
 
@@ -86,14 +93,14 @@ impl Disk {
 }
 
 /// A site with its disk, at one moment.
-struct Site {
-    uplink: Uplink,
-    disk: Disk,
-    now: Duration,
+pub(crate) struct Site {
+    pub(crate) uplink: Uplink,
+    pub(crate) disk: Disk,
+    pub(crate) now: Duration,
 }
 
 impl Site {
-    fn new() -> Site {
+    pub(crate) fn new() -> Site {
         let mut site = Site {
             uplink: Uplink::new(identity()),
             disk: Disk::default(),
@@ -103,17 +110,17 @@ impl Site {
         site
     }
 
-    fn handle(&mut self, input: UplinkInput<'_>) {
+    pub(crate) fn handle(&mut self, input: UplinkInput<'_>) {
         self.uplink.handle(self.now, input);
     }
 
-    fn stored(&mut self) {
+    pub(crate) fn stored(&mut self) {
         let head = self.disk.head();
         self.handle(UplinkInput::Stored(head));
     }
 
     /// All that it does now, its disk served at once.
-    fn outputs(&mut self) -> Vec<UplinkOutput> {
+    pub(crate) fn outputs(&mut self) -> Vec<UplinkOutput> {
         let mut all = Vec::new();
         while let Some(output) = self.uplink.poll(self.now, 1_700_000_000_000) {
             match &output {
@@ -126,7 +133,9 @@ impl Site {
                     self.handle(UplinkInput::Read(Some((self.disk.epoch(), piece))));
                 }
                 UplinkOutput::FindState => {
-                    let state = (self.disk.epoch(), self.disk.newest, vec![entry(1)]);
+                    let last = self.disk.entries.last_key_value();
+                    let points = last.map(|(_, entry)| entry.clone()).into_iter().collect();
+                    let state = (self.disk.epoch(), self.disk.newest, points);
                     self.handle(UplinkInput::State(Some(state)));
                 }
                 _ => all.push(output),

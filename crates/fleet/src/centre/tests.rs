@@ -1,0 +1,472 @@
+mod play;
+
+use super::*;
+use crate::message::{DataEntry, DataKind, ReadingQuality, UplinkReading, UplinkValue};
+
+/// A run of a program: installation and boot.
+type Run = (u8, u8);
+
+const FIRST: Run = (1, 1);
+const RESTARTED: Run = (1, 2);
+const OTHER: Run = (2, 9);
+
+struct Hub {
+    centre: Centre,
+    now: Duration,
+    number: u64,
+    /// The number of the last document.
+    revision: u64,
+}
+
+impl Hub {
+    /// One that has been listening for a while.
+    fn new() -> Hub {
+        let mut hub = Hub {
+            centre: Centre::default(),
+            now: Duration::from_secs(100),
+            number: 0,
+            revision: 0,
+        };
+        hub.handle(CentreInput::Connected);
+        hub.now += TAKEN;
+        hub
+    }
+
+    fn handle(&mut self, input: CentreInput<'_>) {
+        self.centre.handle(self.now, input);
+    }
+
+    fn outputs(&mut self) -> Vec<CentreOutput> {
+        std::iter::from_fn(|| self.centre.poll()).collect()
+    }
+
+    fn hello(&mut self, run: Run) -> Vec<CentreOutput> {
+        self.number += 1;
+        let payload = hello(run).encode_to_vec();
+        let session = format!("s{}", self.number);
+        self.handle(CentreInput::Hello(self.number, "p1", &payload, session));
+        self.outputs()
+    }
+
+    /// The session that a run gets, with what is done besides; or why it gets none.
+    fn begins(&mut self, run: Run) -> Result<(String, Vec<CentreOutput>), String> {
+        let asked = self.hello(run);
+        if let [CentreOutput::Reply(_, answer)] = &asked[..] {
+            return Err(refusal(answer));
+        }
+        let [CentreOutput::Store { number, after, .. }] = asked[..] else {
+            panic!("{asked:?}");
+        };
+        assert_eq!(after, self.revision);
+        self.revision += 1;
+        self.handle(CentreInput::Stored(number, Some(self.revision)));
+        let mut outputs = self.outputs();
+        let Some(CentreOutput::Reply(_, answer)) = outputs.pop() else {
+            panic!("{outputs:?}");
+        };
+        match Welcome::decode(&*answer).unwrap().answer {
+            Some(HelloAnswer::Session(session)) => Ok((session, outputs)),
+            other => panic!("{other:?}"),
+        }
+    }
+
+    fn says(&mut self, what: &str, message: &impl prost::Message) {
+        let payload = message.encode_to_vec();
+        self.handle(CentreInput::Said("p1", what, &payload));
+    }
+
+    fn beats(&mut self, session: &str, newest: u64) {
+        let beat = beat(session, self.now, newest);
+        self.says("beat", &beat);
+    }
+
+    /// The runs that were the site before.
+    fn earlier(&self) -> Vec<u8> {
+        let holder = self.centre.sites["p1"].holder.as_ref().unwrap();
+        holder.lease.before.iter().map(|run| run.boot[0]).collect()
+    }
+
+    fn view(&self) -> SiteView<'_> {
+        self.centre.site(self.now, "p1").unwrap()
+    }
+
+    /// Whether its points are known, and their numbers.
+    fn knows(&self) -> (bool, Vec<(String, i64)>) {
+        let view = self.view();
+        let value = |point: &KnownPoint| match point.reading.value {
+            Some(UplinkValue::Count(count)) => count,
+            _ => -1,
+        };
+        let points = view.points.iter().map(|(path, p)| (path.clone(), value(p)));
+        (view.is_current, points.collect())
+    }
+}
+
+fn hello((installation, boot): Run) -> Hello {
+    Hello {
+        installation: vec![installation; 16],
+        boot: vec![boot; 16],
+        epoch: "e".to_owned(),
+        newest: 0,
+        version: "1.2.3".to_owned(),
+        clock_ms: 0,
+    }
+}
+
+fn beat(session: &str, now: Duration, newest: u64) -> Beat {
+    Beat {
+        session: session.to_owned(),
+        time_ms: u64::try_from(now.as_millis()).unwrap(),
+        epoch: "e".to_owned(),
+        newest,
+        ..Beat::default()
+    }
+}
+
+fn refusal(answer: &[u8]) -> String {
+    match Welcome::decode(answer).unwrap().answer {
+        Some(HelloAnswer::Refusal(refusal)) => {
+            assert_eq!(refusal.code, "E0935");
+            refusal.reason
+        }
+        other => panic!("{other:?}"),
+    }
+}
+
+fn entry(path: &str, value: i64) -> DataEntry {
+    DataEntry {
+        at_ms: value,
+        what: Some(DataKind::Reading(UplinkReading {
+            path: path.to_owned(),
+            value: Some(UplinkValue::Count(value)),
+            quality: ReadingQuality::Good.into(),
+            ..UplinkReading::default()
+        })),
+    }
+}
+
+fn state(session: &str, seq: u64, points: &[(&str, i64)]) -> SiteState {
+    SiteState {
+        session: session.to_owned(),
+        epoch: "e".to_owned(),
+        seq,
+        points: points.iter().map(|(path, v)| entry(path, *v)).collect(),
+    }
+}
+
+fn batch(session: &str, seq: u64, points: &[(&str, i64)]) -> DataBatch {
+    DataBatch {
+        session: session.to_owned(),
+        epoch: "e".to_owned(),
+        seq,
+        dropped: None,
+        entries: points.iter().map(|(path, v)| entry(path, *v)).collect(),
+    }
+}
+
+fn named(points: &[(&str, i64)]) -> Vec<(String, i64)> {
+    points.iter().map(|(p, v)| ((*p).to_owned(), *v)).collect()
+}
+
+#[test]
+fn a_site_is_one_machine() {
+    let mut hub = Hub::new();
+    let (first, outputs) = hub.begins(FIRST).unwrap();
+    assert_eq!(outputs, []);
+    hub.beats(&first, 0);
+    let taken = "another machine reports as this site".to_owned();
+    assert_eq!(hub.view().copy, None);
+    assert_eq!(hub.begins(OTHER), Err(taken.clone()));
+    assert_eq!(hub.view().copy, Some(Duration::ZERO));
+    // The same run has lost its connection.
+    let (second, outputs) = hub.begins(FIRST).unwrap();
+    assert_eq!(outputs, []);
+    assert_ne!(first, second);
+    // A restart has its place at once; the run before is told, should it be there.
+    hub.beats(&second, 0);
+    let (third, outputs) = hub.begins(RESTARTED).unwrap();
+    let end = CentreOutput::Ask(format!("rb.down.p1.{second}.end"));
+    assert_eq!(outputs, [end]);
+    // If it is, that is a copy of the disk.
+    hub.beats(&third, 0);
+    assert_eq!(hub.begins(FIRST), Err(taken.clone()));
+    // It is told again that its session has ended, as long as it reports; no other session is.
+    hub.beats(&second, 0);
+    let end = CentreOutput::Ask(format!("rb.down.p1.{second}.end"));
+    assert_eq!(hub.outputs(), [end]);
+    hub.beats("other", 0);
+    assert_eq!(hub.outputs(), []);
+    // And has the place of one that is silent.
+    hub.now += TAKEN - Duration::from_millis(1);
+    assert_eq!(hub.begins(FIRST), Err(taken));
+    hub.now += Duration::from_millis(1);
+    assert!(hub.begins(FIRST).is_ok());
+    assert_eq!(hub.earlier(), [2]);
+    // However many runs there were, eight of them are remembered.
+    for boot in 10..30 {
+        hub.begins((1, boot)).unwrap();
+    }
+    assert_eq!(hub.earlier(), (21..29).collect::<Vec<_>>());
+}
+
+#[test]
+fn who_has_just_begun_to_listen_does_not_know_who_is_there() {
+    let mut hub = Hub::new();
+    hub.begins(FIRST).unwrap();
+    let unknown = "whether another machine reports as this site is not known yet".to_owned();
+    hub.handle(CentreInput::Lost);
+    assert_eq!(hub.view().presence, SitePresence::Unknown);
+    hub.now += TAKEN;
+    assert_eq!(hub.begins(OTHER), Err(unknown.clone()));
+    hub.handle(CentreInput::Connected);
+    assert_eq!(hub.begins(OTHER), Err(unknown));
+    assert_eq!(hub.view().presence, SitePresence::Unknown);
+    assert_eq!(hub.view().copy, None);
+    hub.now += ONLINE;
+    assert_eq!(hub.view().presence, SitePresence::Unknown);
+    hub.now += Duration::from_millis(1);
+    assert_eq!(hub.view().presence, SitePresence::Offline);
+    hub.now += TAKEN - ONLINE;
+    assert!(hub.begins(OTHER).is_ok());
+}
+
+#[test]
+fn of_two_centres_that_give_a_session_one_succeeds() {
+    let mut hub = Hub::new();
+    let asked = hub.hello(FIRST);
+    let CentreOutput::Store {
+        number, payload, ..
+    } = &asked[0]
+    else {
+        panic!("{asked:?}");
+    };
+    // Whoever asks meanwhile waits.
+    assert_eq!(hub.hello(OTHER), []);
+    // The other centre was first.
+    let other = SessionLease {
+        session: "other".to_owned(),
+        boot: vec![9; 16],
+        ..SessionLease::decode(&**payload).unwrap()
+    };
+    let other = other.encode_to_vec();
+    hub.handle(CentreInput::Lease("p1", &other, 1));
+    hub.handle(CentreInput::Stored(*number, None));
+    assert_eq!(hub.outputs(), []);
+    hub.beats("other", 0);
+    assert_eq!(hub.view().presence, SitePresence::Online);
+    // An older document says nothing.
+    hub.handle(CentreInput::Lease("p1", payload, 1));
+    assert_eq!(hub.outputs(), []);
+    hub.beats("s1", 0);
+    hub.now += ONLINE + Duration::from_millis(1);
+    hub.beats("s1", 0);
+    assert_eq!(hub.view().presence, SitePresence::Offline);
+    // A session that another one followed before it was told is not told.
+    let asked = hub.hello((1, 9));
+    assert!(
+        matches!(asked[..], [CentreOutput::Store { after: 1, .. }]),
+        "{asked:?}"
+    );
+    hub.handle(CentreInput::Lease("p1", payload, 3));
+    hub.outputs();
+    hub.handle(CentreInput::Stored(hub.number, Some(2)));
+    assert_eq!(hub.outputs(), []);
+}
+
+#[test]
+fn points_are_known_where_all_is_there_that_a_heartbeat_vouches_for() {
+    let mut hub = Hub::new();
+    let (session, _) = hub.begins(FIRST).unwrap();
+    let s = &session;
+    hub.beats(s, 7);
+    assert_eq!(hub.knows(), (false, vec![]));
+    assert_eq!(hub.view().vouched, None);
+    // Without the state, entries have nothing that they could be added to.
+    hub.says("data", &batch(s, 7, &[("a", 7)]));
+    assert_eq!(hub.knows(), (false, vec![]));
+    hub.says("state", &state(s, 6, &[("a", 3), ("b", 6)]));
+    assert_eq!(hub.knows(), (false, named(&[("a", 3), ("b", 6)])));
+    hub.says("data", &batch(s, 7, &[("a", 7)]));
+    assert_eq!(hub.knows(), (true, named(&[("a", 7), ("b", 6)])));
+    assert_eq!(hub.view().vouched, Some(Duration::ZERO));
+    // What comes behind a gap is shown, and is not all.
+    hub.says("data", &batch(s, 9, &[("a", 9)]));
+    hub.now += Duration::from_secs(1);
+    hub.beats(s, 9);
+    assert_eq!(hub.knows(), (false, named(&[("a", 9), ("b", 6)])));
+    assert_eq!(hub.view().vouched, Some(Duration::from_secs(1)));
+    // An entry that comes late does not replace a later one.
+    hub.says("data", &batch(s, 8, &[("a", 8)]));
+    assert_eq!(hub.knows(), (true, named(&[("a", 9), ("b", 6)])));
+    assert_eq!(hub.view().vouched, Some(Duration::ZERO));
+    // Nor does an older state, nor brings what came before it back what it has no more.
+    hub.says("state", &state(s, 8, &[("b", 6)]));
+    assert_eq!(hub.knows(), (true, named(&[("a", 9), ("b", 6)])));
+    hub.says("state", &state(s, 10, &[("b", 6)]));
+    hub.says("data", &batch(s, 8, &[("a", 8), ("a", 9), ("b", 10)]));
+    assert_eq!(hub.knows(), (true, named(&[("b", 6)])));
+    // Of a point that came after the state, the state says nothing.
+    hub.says("data", &batch(s, 12, &[("c", 12)]));
+    hub.says("state", &state(s, 11, &[("b", 11)]));
+    assert_eq!(hub.knows(), (true, named(&[("b", 11), ("c", 12)])));
+    hub.beats(s, 12);
+    assert_eq!(hub.knows(), (true, named(&[("b", 11), ("c", 12)])));
+    // Heartbeats end.
+    hub.now += ONLINE;
+    assert!(hub.knows().0);
+    hub.now += Duration::from_millis(1);
+    assert_eq!(hub.knows(), (false, named(&[("b", 11), ("c", 12)])));
+}
+
+#[test]
+fn what_is_said_in_another_session_or_of_other_numbers_counts_for_nothing() {
+    let mut hub = Hub::new();
+    let (session, _) = hub.begins(FIRST).unwrap();
+    let s = &session;
+    hub.beats(s, 1);
+    hub.says("state", &state(s, 1, &[("a", 1)]));
+    assert_eq!(hub.knows(), (true, named(&[("a", 1)])));
+    hub.says("state", &state("other", 5, &[("a", 5)]));
+    hub.says("data", &batch("other", 2, &[("a", 2)]));
+    hub.beats("other", 5);
+    assert_eq!(hub.knows(), (true, named(&[("a", 1)])));
+    let epoch = "f".to_owned();
+    hub.says(
+        "data",
+        &DataBatch {
+            epoch: epoch.clone(),
+            ..batch(s, 2, &[("a", 2)])
+        },
+    );
+    assert_eq!(hub.knows(), (true, named(&[("a", 1)])));
+    let begun = SiteState {
+        epoch: epoch.clone(),
+        ..state(s, 5, &[("a", 0)])
+    };
+    hub.says("state", &begun);
+    assert_eq!(hub.knows(), (false, named(&[("a", 0)])));
+    hub.says(
+        "beat",
+        &Beat {
+            epoch,
+            ..beat(s, hub.now, 0)
+        },
+    );
+    assert_eq!(hub.knows(), (true, named(&[("a", 0)])));
+    // With a new session all has to be said again.
+    let (session, _) = hub.begins(FIRST).unwrap();
+    assert_eq!(hub.knows(), (false, named(&[("a", 0)])));
+    hub.beats(&session, 0);
+    assert_eq!(hub.knows(), (false, named(&[("a", 0)])));
+}
+
+#[test]
+fn a_state_that_comes_before_the_document_of_its_session_counts_after_it() {
+    let mut hub = Hub::new();
+    hub.says("state", &state("far", 4, &[("a", 4)]));
+    assert!(hub.centre.site(hub.now, "p1").is_none());
+    let lease = SessionLease {
+        session: "far".to_owned(),
+        ..SessionLease::default()
+    };
+    let lease = lease.encode_to_vec();
+    hub.handle(CentreInput::Lease("p1", &lease, 1));
+    assert_eq!(hub.knows(), (false, named(&[("a", 4)])));
+    hub.beats("far", 4);
+    assert!(hub.knows().0);
+}
+
+#[test]
+fn what_is_missing_is_asked_for() {
+    let mut hub = Hub::new();
+    let (session, _) = hub.begins(FIRST).unwrap();
+    let mut asked = Vec::new();
+    for _ in 0..20 {
+        hub.now += Duration::from_secs(10);
+        hub.beats(&session, 3);
+        let outputs = hub.outputs();
+        if !outputs.is_empty() {
+            let ask = CentreOutput::Ask(format!("rb.down.p1.{session}.state"));
+            assert_eq!(outputs, [ask]);
+            asked.push(hub.now);
+        }
+    }
+    assert_eq!(asked.len(), 4);
+    assert!(asked.windows(2).all(|two| two[1] - two[0] == ASKED_AGAIN));
+    hub.says("state", &state(&session, 3, &[]));
+    hub.now += ASKED_AGAIN;
+    hub.beats(&session, 3);
+    assert_eq!(hub.outputs(), []);
+}
+
+#[test]
+fn a_heartbeat_that_was_late_is_as_old_as_it_is() {
+    let mut hub = Hub::new();
+    let (session, _) = hub.begins(FIRST).unwrap();
+    hub.says("state", &state(&session, 0, &[]));
+    hub.beats(&session, 0);
+    let said = beat(&session, hub.now + Duration::from_secs(10), 0);
+    hub.now += Duration::from_secs(40);
+    hub.says("beat", &said);
+    let view = hub.view();
+    let half_a_minute = Some(Duration::from_secs(30));
+    assert_eq!((view.heard, view.vouched), (half_a_minute, half_a_minute));
+    hub.now += Duration::from_secs(6);
+    assert_eq!(hub.view().presence, SitePresence::Offline);
+    // One of before says nothing.
+    let before = beat(&session, hub.now - Duration::from_secs(37), 0);
+    hub.says("beat", &before);
+    assert_eq!(hub.view().heard, Some(Duration::from_secs(36)));
+    // A clock that is wrong makes nothing younger than it is.
+    let ahead = Beat {
+        time_ms: u64::MAX,
+        ..said
+    };
+    hub.says("beat", &ahead);
+    hub.now += Duration::from_secs(3);
+    assert_eq!(hub.view().heard, Some(Duration::from_secs(3)));
+}
+
+#[test]
+fn what_is_no_message_is_counted_and_changes_nothing() {
+    let mut hub = Hub::new();
+    hub.handle(CentreInput::Hello(1, "p1", b"\xFF", "s".to_owned()));
+    for what in ["beat", "data", "state"] {
+        hub.handle(CentreInput::Said("p1", what, b"\xFF"));
+    }
+    hub.handle(CentreInput::Lease("p1", b"\xFF", 1));
+    assert_eq!(hub.centre.bad(), 5);
+    hub.handle(CentreInput::Said("p1", "other", b"\xFF"));
+    hub.handle(CentreInput::Lease("No Name", b"", 1));
+    assert_eq!(hub.centre.bad(), 5);
+    assert_eq!(hub.outputs(), []);
+    assert_eq!(hub.centre.sites(hub.now).count(), 0);
+}
+
+#[test]
+fn a_site_that_says_too_much_is_not_known() {
+    let mut hub = Hub::new();
+    let (session, _) = hub.begins(FIRST).unwrap();
+    hub.says("state", &state(&session, 0, &[]));
+    let paths: Vec<String> = (0..=POINTS_MAX).map(|n| n.to_string()).collect();
+    let points: Vec<_> = paths.iter().map(|path| (path.as_str(), 1)).collect();
+    hub.says("data", &batch(&session, 1, &points));
+    let count = u64::try_from(points.len()).unwrap();
+    hub.beats(&session, count);
+    let (is_current, known) = hub.knows();
+    assert_eq!((is_current, known.len()), (false, POINTS_MAX));
+    hub.says("state", &state(&session, count, &points));
+    assert!(!hub.knows().0);
+    // Spans in front of which something is missing are forgotten at some number.
+    hub.says("state", &state(&session, count, &[]));
+    let many = 10_000;
+    for n in 1..many {
+        hub.says("data", &batch(&session, count + 2 * n, &[("a", 1)]));
+    }
+    assert_eq!(hub.knows(), (true, named(&[("a", 1)])));
+    for n in 0..many {
+        hub.says("data", &batch(&session, count + 2 * n + 1, &[("a", 1)]));
+    }
+    hub.beats(&session, count + 2 * many - 1);
+    assert!(!hub.knows().0);
+}
