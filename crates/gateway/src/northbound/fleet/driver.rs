@@ -274,6 +274,10 @@ impl Driver {
                 Vec::new()
             }
             Some("resend") => self.resend(&asked.payload).encode_to_vec(),
+            Some("state") => {
+                self.uplink.tell_state();
+                ResendAnswer::default().encode_to_vec()
+            }
             // The form of every answer that is a refusal.
             _ => refused(&Problem::new(codes::NO_SUCH_PAGE)).encode_to_vec(),
         };
