@@ -15,6 +15,7 @@
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
 pub mod control;
+pub mod fleet;
 pub mod models;
 pub mod ops;
 pub mod outlets;

@@ -284,6 +284,10 @@ pub mod codes {
         FLEET_ENDED = "E0165", 502;
         /// The centre asks for entries of another outbox.
         FLEET_EPOCH = "E0166", 409;
+        /// Also `reason`.
+        FLEET_STREAMS = "E0167", 503;
+        /// Also `name`.
+        NO_SUCH_SITE = "E0836", 404;
         /// Also `reason`: its host ID.
         HOST_AWAY = "E0833", 503;
         /// Also `name`.

@@ -11,11 +11,16 @@ use tokio::net::UnixListener;
 /// Only the user who runs the daemon may open it.
 const MODE: Mode = Mode::RUSR.union(Mode::WUSR);
 
-/// The possible paths of the daemon's socket, the user's own first. A user without a runtime
+/// The name of the daemon's socket.
+pub const DAEMON: &str = "railbus.sock";
+/// The name of the socket of a fleet's centre.
+pub const HUB: &str = "railbus-hub.sock";
+
+/// The possible paths of a socket, the user's own first. A user without a runtime
 /// folder, who may not create the system's, gets a private folder among the temporary files.
 /// `RAILBUS_RUN` replaces all of these folders.
-pub fn places() -> Vec<PathBuf> {
-    let socket = |folder: PathBuf| folder.join("railbus.sock");
+pub fn places(name: &str) -> Vec<PathBuf> {
+    let socket = |folder: PathBuf| folder.join(name);
     if let Some(named) = std::env::var_os("RAILBUS_RUN").filter(|folder| !folder.is_empty()) {
         return vec![socket(named.into())];
     }
@@ -30,7 +35,7 @@ pub fn places() -> Vec<PathBuf> {
 
 /// The first of these places at which a daemon answers.
 pub fn answers() -> Option<PathBuf> {
-    let mut places = places().into_iter();
+    let mut places = places(DAEMON).into_iter();
     places.find(|place| UnixStream::connect(place).is_ok())
 }
 

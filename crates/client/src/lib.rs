@@ -2,11 +2,14 @@
 //!
 //! # Where things are
 //! - One kept connection, and a method for what several commands ask: here. Requests as bytes:
-//!   `http`.
+//!   `http`. The centre of a fleet: `hub`.
 
 #![forbid(unsafe_code)]
 
 mod http;
+mod hub;
+
+pub use hub::HubClient;
 
 use http::{Asked, Lines as TextLines, send, send_asked};
 use hyper::Method;
@@ -171,7 +174,7 @@ impl DaemonClient {
     /// The daemons at the usual places; or why one gives no valid answer.
     pub async fn usual() -> Vec<Result<DaemonClient, Problem>> {
         let mut found = Vec::new();
-        for socket in socket::places() {
+        for socket in socket::places(socket::DAEMON) {
             if UnixStream::connect(&socket).await.is_ok() {
                 found.push(DaemonClient::at(&socket).await);
             }

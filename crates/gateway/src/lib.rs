@@ -17,6 +17,7 @@
 //!   a line in `northbound.rs`; its settings are declared and read in its folder, too, and so is
 //!   how often it tries again. An example is the kind of the tests, in the same folder.
 //!   What outlets offer by the configuration alone, for `railbus export`: [`offered`].
+//! - The centre of a fleet, which is another program in effect: [`hub`].
 //! - Requests repeated under an `Idempotency-Key`: the header is read in `order`, its answer is
 //!   in `keys`; what is kept of them is the site's. Long operations: `ops`. Exclusive access to
 //!   a line over HTTP, which ends with its connection: `loan`, who may have it is in its row;
@@ -43,6 +44,8 @@ mod frame_listener;
 mod frames;
 mod guard;
 mod history;
+#[cfg(feature = "fleet")]
+pub mod hub;
 #[cfg(test)]
 mod in_guide;
 mod keys;
@@ -487,7 +490,7 @@ fn listen_on_socket(
         });
     }
     let mut tried = Err((PathBuf::new(), std::io::ErrorKind::NotFound.into()));
-    for path in socket::places() {
+    for path in socket::places(socket::DAEMON) {
         tried = named(&path);
         if tried.is_ok() {
             break;

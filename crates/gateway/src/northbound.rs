@@ -6,7 +6,7 @@
 //! by [`run`]. Routes, secrets, metrics and the form on the page are the same for every kind, and
 //! made from what its line says ([`kind`]).
 
-mod broker;
+pub(super) mod broker;
 mod clients;
 mod command_end;
 #[cfg(feature = "fleet")]
@@ -37,6 +37,8 @@ mod tests;
 mod textline;
 mod webhook;
 
+#[cfg(feature = "fleet")]
+pub(super) use fleet::unreached;
 pub(super) use run::{Northbound, OutletFigures};
 
 pub(super) use kind::DemoOutlet;

@@ -1,15 +1,22 @@
 //! `railbus fleet`: many sites behind one centre.
 
 mod creds;
+mod get;
 mod init;
+mod ls;
+#[cfg(feature = "fleet")]
+mod serve;
 mod texts;
 
 use super::Context;
 use crate::args;
 use crate::texts::Text;
+use clap::parser::ValueSource;
 use clap::{Arg, ArgMatches, Command};
 use jiff::Timestamp;
+use railbus_api::problem::Problem;
 use railbus_app::failure::Failure;
+use railbus_client::HubClient;
 use railbus_words::{Code, Lang, Phrase};
 use std::path::{Path, PathBuf};
 use texts::FleetText;
@@ -19,11 +26,16 @@ pub(crate) const NAME: &str = "fleet";
 
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
-    verb(lang, NAME, FleetText::About, "railbus fleet COMMAND")
+    let group = verb(lang, NAME, FleetText::About, "railbus fleet COMMAND")
         .subcommand_required(true)
         .subcommand_help_heading(lang.get(Text::Commands))
         .subcommand(init::define(lang))
-        .subcommand(creds::define(lang))
+        .subcommand(creds::define(lang));
+    #[cfg(feature = "fleet")]
+    let group = group.subcommand(serve::define(lang));
+    group
+        .subcommand(ls::define(lang))
+        .subcommand(get::define(lang))
 }
 
 fn verb(lang: Lang, name: &'static str, about: FleetText, usage: &'static str) -> Command {
@@ -44,7 +56,11 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
     match verb {
         init::NAME => init::run(&context, matches),
-        _ => creds::run(&context, matches),
+        creds::NAME => creds::run(&context, matches),
+        #[cfg(feature = "fleet")]
+        serve::NAME => serve::run(lang, matches),
+        ls::NAME => ls::run(&context, matches),
+        _ => get::run(&context, matches),
     }
 }
 
@@ -55,6 +71,26 @@ fn text<'m>(matches: &'m ArgMatches, name: &str) -> &'m str {
 
 fn path(matches: &ArgMatches, name: &str) -> PathBuf {
     text(matches, name).into()
+}
+
+/// The socket of the centre, if one is named. The variable that names a socket means that of a
+/// site's daemon.
+fn socket(matches: &ArgMatches) -> Option<PathBuf> {
+    let is_named = matches.value_source("socket") == Some(ValueSource::CommandLine);
+    matches.get_one("socket").filter(|_| is_named).cloned()
+}
+
+/// Asks the centre.
+fn ask<T>(
+    context: &Context,
+    matches: &ArgMatches,
+    question: impl AsyncFnOnce(&HubClient) -> Result<T, Problem>,
+) -> Result<T, Failure> {
+    let named = socket(matches);
+    context.block(async {
+        let answer = async { question(&HubClient::find(named.as_deref()).await?).await };
+        answer.await.map_err(|problem| context.failure(&problem))
+    })
 }
 
 /// Seconds since 1970.

@@ -207,6 +207,11 @@ codes! {
             "应为主机名或 IPv4 地址，可带端口 · 未填写"],
         next: ["servers = [\"nats1\", \"nats2:4222\"]", "servers = [\"nats1\", \"nats2:4222\"]"],
     }
+    NoSite = "E0836" {
+        title: ["the fleet has no such site", "站群中没有该站点"],
+        likely: ["a typing mistake · it never had a session", "输入错误 · 从未建立会话"],
+        next: ["railbus fleet ls", "railbus fleet ls"],
+    }
     ExportNoOutlet = "E0838" {
         title: ["there is no integration that this export can use", "没有此导出可用的集成"],
         likely: ["none is configured, or it is off · a typing mistake · Modbus TCP with TLS",

@@ -24,6 +24,12 @@ codes! {
         next: ["check the output, then repeat with a new key if needed",
             "先查看输出的实际状态，确需重发时换用新的幂等键"],
     }
+    NotCurrent = "E0304" {
+        title: ["the values of this site are not current", "该站点的数值不是当前值"],
+        likely: ["the site or its connection is down · it has just connected",
+            "站点或其网络中断 · 刚刚建立连接"],
+        next: ["railbus fleet ls", "railbus fleet ls"],
+    }
     Lost = "E0340" {
         title: ["the module is not found after the write", "写入后找不到该模块"],
         likely: ["it lost power · noise on the line · its settings are not those written",

@@ -149,6 +149,12 @@ codes! {
         next: ["what it had and was not delivered is lost; the site says so",
             "其中未送达的内容已丢失，站点会说明"],
     }
+    FleetStreams = "E0167" {
+        title: ["the streams of the fleet can't be used", "无法使用站群的数据流"],
+        likely: ["the servers are starting, or most of them are down · their disk is full",
+            "服务器正在启动，或多数停机 · 磁盘已满"],
+        next: ["see the servers' logs: it is tried again", "查看服务器日志：系统会重试"],
+    }
     NoHistory = "E0170" {
         title: ["no history available", "没有历史记录"],
         likely: ["the daemon could not open its database · no daemon is running",

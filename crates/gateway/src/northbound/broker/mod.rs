@@ -12,13 +12,13 @@ pub(super) mod fields;
 pub(super) mod link;
 pub(super) mod message;
 mod numbers;
-pub(super) mod session;
+pub(crate) mod session;
 pub(super) mod settings;
 
 pub(super) use alive::Alive;
 pub(super) use dial::Dial;
 #[cfg(feature = "fleet")]
-pub(super) use dial::{tls_reason, trusting};
+pub(crate) use dial::{tls_reason, trusting};
 
 /// How many messages are with the broker, or on their way to it, at a time.
 pub(super) const WINDOW: usize = 64;

@@ -151,7 +151,7 @@ fn delay(tries: usize) -> Duration {
 }
 
 /// Why there is no connection.
-fn unreached(error: async_nats::ConnectError) -> Problem {
+pub(crate) fn unreached(error: async_nats::ConnectError) -> Problem {
     let code = match error.kind() {
         ConnectErrorKind::Authentication | ConnectErrorKind::AuthorizationViolation => {
             codes::FLEET_LOGIN

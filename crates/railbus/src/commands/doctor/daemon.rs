@@ -14,7 +14,8 @@ use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 
 pub(super) async fn check(lang: Lang, named: Option<&Path>, user: &User) -> Vec<Finding> {
-    let places = named.map_or_else(socket::places, |path| vec![path.to_owned()]);
+    let usual = || socket::places(socket::DAEMON);
+    let places = named.map_or_else(usual, |path| vec![path.to_owned()]);
     let mut found = Vec::new();
     for path in &places {
         found.extend(of_socket(lang, path, user).await);

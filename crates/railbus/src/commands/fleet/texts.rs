@@ -4,14 +4,18 @@ railbus_words::texts! {
     pub(crate) FleetText;
 
     About {
-        en: "Prepare a fleet: many sites behind one centre, over NATS servers of your own.",
-        zh: "准备站群：多个站点通过自有 NATS 服务器接入同一中心。",
+        en: "A fleet: many sites behind one centre, over NATS servers of your own.",
+        zh: "站群：多个站点通过自有 NATS 服务器接入同一中心。",
     }
     Examples {
         en: "  railbus fleet init acme --nats nats1,nats2,nats3
-  railbus fleet creds acme plant7 plant7.creds",
+  railbus fleet creds acme plant7 plant7.creds
+  railbus fleet serve acme
+  railbus fleet get plant7 oven.k1",
         zh: "  railbus fleet init acme --nats nats1,nats2,nats3
-  railbus fleet creds acme plant7 plant7.creds",
+  railbus fleet creds acme plant7 plant7.creds
+  railbus fleet serve acme
+  railbus fleet get plant7 oven.k1",
     }
     Init {
         en: "Make the keys, accounts and certificates of a new fleet, and the \
@@ -70,4 +74,39 @@ railbus_words::texts! {
         en: "valid until {day}: replace it before; carry it to {site} by a way you trust",
         zh: "有效期至 {day}，请在此之前更换；请经可信途径送达 {site}",
     }
+    Serve {
+        en: "Run the centre of a fleet: it admits the sites, and knows how they are. The \
+            commands ls and get ask it, over a socket that only its owner can open.",
+        zh: "运行站群中心：接纳各站点并掌握其状态。ls 和 get 命令通过仅限其用户访问的套接字向它查询。",
+    }
+    Ls { en: "List the sites of the fleet.", zh: "列出站群的站点。" }
+    Get { en: "Show the points of a site, as the centre knows them.", zh: "显示中心所知的站点点位。" }
+    SiteName { en: "The site", zh: "站点" }
+    Points { en: "Modules or points, such as oven or oven.k1 [all]", zh: "模块或点位，如 oven 或 oven.k1 [全部]" }
+    SitesHead {
+        en: "SITE|STATE|VALUES|HEARD|BEHIND|VERSION|NOTE",
+        zh: "站点|状态|数值|最近心跳|待送|版本|备注",
+    }
+    Online { en: "online", zh: "在线" }
+    Away { en: "offline", zh: "离线" }
+    Unknown { en: "unknown", zh: "未知" }
+    Current { en: "current", zh: "当前" }
+    Old { en: "old", zh: "非当前" }
+    None { en: "none", zh: "无" }
+    Ago { en: "{time} ago", zh: "{time}前" }
+    Copied {
+        en: "another machine has its key, {ago}",
+        zh: "另一台机器使用同一密钥，{ago}",
+    }
+    ClockOff { en: "its clock is off by {time}", zh: "时钟偏差 {time}" }
+    AsOf { en: "as they were {ago}, or later", zh: "为{ago}或之后的值" }
+    WereSo {
+        en: "the values of {site} are not current: they were so {ago}",
+        zh: "{site} 的数值不是当前值：{ago}如此",
+    }
+    NeverSo { en: "the values of {site} are not current", zh: "{site} 的数值不是当前值" }
+    SiteOffline { en: "site offline", zh: "站点离线" }
+    SiteUnknown { en: "not known whether the site is there", zh: "站点是否在线未知" }
+    Incomplete { en: "not all has arrived", zh: "尚未收齐" }
+    NoSuchPoint { en: "{site} has no point {name}", zh: "{site} 没有点位 {name}" }
 }

@@ -1,0 +1,104 @@
+//! The types of the centre's API: the sites of a fleet, and what is known of their points.
+
+use super::problem::Problem;
+use super::types::Quality;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+/// `GET /fleet/v1/sites`: all sites that ever reported.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FleetSites {
+    /// The version of the API.
+    pub schema: u8,
+    /// The centre's own connection.
+    pub connection: HubConnection,
+    /// The sites, by name.
+    pub sites: Vec<FleetSite>,
+}
+
+/// The centre's connection to its servers.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct HubConnection {
+    /// It hears what sites say.
+    pub connected: bool,
+    /// Why it does not; or what its servers refuse.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub error: Option<Problem>,
+    /// How many messages were not understood since it started.
+    pub unreadable: u64,
+}
+
+/// Whether a site is there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FleetPresence {
+    /// Its heartbeats come.
+    Online,
+    /// They don't.
+    Offline,
+    /// The centre has no connection, or not for long enough to say.
+    Unknown,
+}
+
+/// A site of the fleet.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FleetSite {
+    /// Its name.
+    pub site: String,
+    /// Whether it is there.
+    pub presence: FleetPresence,
+    /// How long ago its last heartbeat was said, in milliseconds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub heard_ms: Option<u64>,
+    /// Its points are as they are shown: it is there, and all has arrived that its last heartbeat
+    /// vouches for.
+    pub current: bool,
+    /// How long ago that was so, in milliseconds; none if it never was since the centre started.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub known_ms: Option<u64>,
+    /// How many of its changes its servers still have to get.
+    pub behind: u64,
+    /// How many points it has.
+    pub points: usize,
+    /// By how much its clock is ahead of the centre's, in milliseconds, give or take what a message
+    /// takes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub clock_ahead_ms: Option<i64>,
+    /// Its version of railbus.
+    pub version: String,
+    /// How long ago another machine with its key asked to be this site, in milliseconds, and was
+    /// refused.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub copy_ms: Option<u64>,
+}
+
+/// `GET /fleet/v1/sites/{site}`: a site with its points.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FleetSitePoints {
+    /// The version of the API.
+    pub schema: u8,
+    /// The site.
+    pub site: FleetSite,
+    /// Its points, by path.
+    pub points: Vec<FleetPoint>,
+}
+
+/// A point of a site.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FleetPoint {
+    /// Module and label: `oven.k1`.
+    pub path: String,
+    /// Its last value; null if it was never read.
+    pub value: Option<Value>,
+    /// The quality of the value. It is not good unless the site is current.
+    pub quality: Quality,
+    /// Why it is not good: a word of the site's API, or `site_offline`, `site_unknown` or
+    /// `incomplete`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
+    /// Since when it is so, by the site's clock, as RFC 3339 in UTC.
+    pub since: String,
+    /// When the value was read, by the site's clock, as RFC 3339 in UTC.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub time: Option<String>,
+}

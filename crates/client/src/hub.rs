@@ -1,0 +1,58 @@
+//! A client of the centre of a fleet, over its socket.
+
+use super::http::send;
+use super::read;
+use hyper::Method;
+use railbus_api::fleet::{FleetSitePoints, FleetSites};
+use railbus_api::problem::{Problem, codes};
+use railbus_app::socket;
+use serde::de::DeserializeOwned;
+use std::path::{Path, PathBuf};
+use tokio::net::UnixStream;
+
+/// The centre behind a socket. Requests fail with the problem that it reports, or with
+/// [`codes::DAEMON`] if it can't be reached.
+#[derive(Clone, Debug)]
+pub struct HubClient {
+    socket: PathBuf,
+}
+
+impl HubClient {
+    /// The one at this socket; or the first that answers at the usual places.
+    ///
+    /// # Errors
+    /// [`codes::DAEMON`] if none answers at the usual places.
+    pub async fn find(named: Option<&Path>) -> Result<HubClient, Problem> {
+        if let Some(socket) = named {
+            let socket = socket.to_owned();
+            return Ok(HubClient { socket });
+        }
+        for socket in socket::places(socket::HUB) {
+            if UnixStream::connect(&socket).await.is_ok() {
+                return Ok(HubClient { socket });
+            }
+        }
+        Err(Problem::new(codes::DAEMON).with_hint("railbus fleet serve DIR"))
+    }
+
+    /// All sites.
+    ///
+    /// # Errors
+    /// It can't be reached.
+    pub async fn sites(&self) -> Result<FleetSites, Problem> {
+        self.get("/fleet/v1/sites").await
+    }
+
+    /// A site with its points.
+    ///
+    /// # Errors
+    /// There is no such site, or the centre can't be reached.
+    pub async fn site(&self, name: &str) -> Result<FleetSitePoints, Problem> {
+        self.get(&format!("/fleet/v1/sites/{name}")).await
+    }
+
+    async fn get<T: DeserializeOwned>(&self, path: &str) -> Result<T, Problem> {
+        let answer = send(&self.socket, Method::GET, path, Vec::new()).await?;
+        read(&self.socket, &answer.whole().await?)
+    }
+}

@@ -1,0 +1,230 @@
+//! The centre's connection to its servers, and the streams it has there.
+
+use crate::northbound::broker::trusting;
+use crate::northbound::unreached;
+use async_nats::jetstream::consumer::pull::{Ordered, OrderedConfig};
+use async_nats::jetstream::consumer::{Consumer, DeliverPolicy};
+use async_nats::jetstream::stream::{Config as StreamConfig, Stream as NatsStream};
+use async_nats::jetstream::{self, Context};
+use async_nats::{Client, ConnectOptions, Event, Subscriber};
+use futures_core::Stream;
+use railbus_api::problem::{Problem, codes};
+use std::path::{Path, PathBuf};
+use std::pin::Pin;
+use std::time::Duration;
+use tokio::sync::watch;
+
+/// A server that does not answer within this time is left.
+const CONNECT_MAX: Duration = Duration::from_secs(10);
+/// How often it is asked whether the server is there.
+const PING: Duration = Duration::from_secs(10);
+/// The timeout of a request to the streams: it is lost where no server leads one.
+const REQUEST_MAX: Duration = Duration::from_secs(5);
+/// How long the next of the documents may take that are there.
+const DOCUMENT_MAX: Duration = Duration::from_secs(10);
+/// All that sites say.
+const SAID: &str = "rb.up.*.*";
+/// Whoever hears of one request for a session is one of all centres.
+const QUEUE: &str = "hub";
+/// The documents of sessions.
+const LEASES: &str = "rb.fleet.lease.*";
+/// How all points of a site are.
+const STATES: &str = "rb.up.*.state";
+/// The copies that a stream has, where there are enough servers.
+const REPLICAS: usize = 3;
+
+/// The files of the centre.
+#[derive(Clone, Debug)]
+pub(super) struct HubFiles {
+    /// The addresses of the servers.
+    pub(super) servers: Vec<String>,
+    ca: PathBuf,
+    creds: PathBuf,
+}
+
+/// A connection at which all that sites say is heard.
+pub(super) struct Link {
+    pub(super) client: Client,
+    pub(super) streams: Context,
+    /// Ends with the connection.
+    pub(super) is_up: watch::Receiver<bool>,
+    /// Requests for sessions.
+    pub(super) hellos: Subscriber,
+    /// All else that sites say, in the order in which each said it.
+    pub(super) said: Subscriber,
+    /// Documents of sessions as they are stored.
+    pub(super) leases: Ordered,
+    /// The same, and the last states of sites, as they were: subject, payload and number.
+    pub(super) documents: Vec<(String, Vec<u8>, u64)>,
+}
+
+fn unusable(path: &Path, reason: &dyn ToString) -> Problem {
+    Problem::new(codes::FLEET_FILE)
+        .with("path", path.display().to_string())
+        .with("reason", reason.to_string())
+}
+
+fn no_streams(reason: &dyn ToString) -> Problem {
+    Problem::new(codes::FLEET_STREAMS).with("reason", reason.to_string())
+}
+
+fn ended(reason: &dyn ToString) -> Problem {
+    Problem::new(codes::FLEET_ENDED).with("reason", reason.to_string())
+}
+
+impl HubFiles {
+    /// Those of a fleet in this folder.
+    ///
+    /// # Errors
+    /// The addresses of the servers can't be read. Other files are read at each connection.
+    pub(super) fn read(folder: &Path) -> Result<HubFiles, Problem> {
+        let hub = folder.join("hub");
+        let path = hub.join("servers");
+        let text = std::fs::read_to_string(&path).map_err(|error| unusable(&path, &error))?;
+        let servers: Vec<String> = text.split_whitespace().map(str::to_owned).collect();
+        if servers.is_empty() {
+            return Err(unusable(&path, &"it names no server"));
+        }
+        Ok(HubFiles {
+            servers,
+            ca: hub.join("ca.pem"),
+            creds: hub.join("hub.creds"),
+        })
+    }
+
+    /// The streams that sites and centre need.
+    fn streams(&self) -> [StreamConfig; 3] {
+        let day = Duration::from_secs(24 * 60 * 60);
+        let replicas = if self.servers.len() < REPLICAS {
+            1
+        } else {
+            REPLICAS
+        };
+        let stream = |name: &str, subject: &str, of_subject| StreamConfig {
+            name: name.to_owned(),
+            subjects: vec![subject.to_owned()],
+            max_messages_per_subject: of_subject,
+            num_replicas: replicas,
+            ..StreamConfig::default()
+        };
+        [
+            StreamConfig {
+                // A site that says too much loses its own.
+                max_age: day,
+                duplicate_window: Duration::from_secs(120),
+                ..stream("DATA", "rb.up.*.data", 9_000)
+            },
+            stream("STATE", STATES, 1),
+            stream("FLEET", "rb.fleet.*.*", 20),
+        ]
+    }
+}
+
+impl Link {
+    /// Connects to one of the servers, with the files as they are now.
+    ///
+    /// # Errors
+    /// None of them can be reached, they don't accept this centre, or they have no streams.
+    pub(super) async fn open(files: &HubFiles) -> Result<Link, Problem> {
+        let creds = std::fs::read_to_string(&files.creds);
+        let creds = creds.map_err(|error| unusable(&files.creds, &error))?;
+        let tls = trusting(Some(&files.ca), None, codes::FLEET_FILE)?;
+        let options = ConnectOptions::with_credentials(&creds);
+        let options = options.map_err(|error| unusable(&files.creds, &error))?;
+        let (told, is_up) = watch::channel(true);
+        let options = options
+            .name("railbus hub")
+            .require_tls(true)
+            .tls_client_config(tls)
+            // Names are those of the certificates, not what servers say of each other.
+            .ignore_discovered_servers()
+            .connection_timeout(CONNECT_MAX)
+            .ping_interval(PING)
+            // It is begun anew then: what was said meanwhile was not heard.
+            .max_reconnects(files.servers.len())
+            .event_callback(move |event| {
+                if matches!(event, Event::Disconnected | Event::Closed) {
+                    told.send_replace(false);
+                }
+                std::future::ready(())
+            });
+        let servers = files.servers.iter().map(|server| format!("tls://{server}"));
+        let servers: Vec<String> = servers.collect();
+        let client = options.connect(servers).await.map_err(unreached)?;
+        let mut streams = jetstream::new(client.clone());
+        streams.set_timeout(REQUEST_MAX);
+        let mut made = Vec::new();
+        for config in files.streams() {
+            let stream = streams.get_or_create_stream(config).await;
+            made.push(stream.map_err(|error| no_streams(&error))?);
+        }
+        let [_, states, fleet] = &made[..] else {
+            return Err(no_streams(&"a stream is missing"));
+        };
+        let hellos = client.queue_subscribe("rb.up.*.hello", QUEUE.to_owned());
+        let hellos = hellos.await.map_err(|error| ended(&error))?;
+        let said = client.subscribe(SAID).await;
+        let said = said.map_err(|error| ended(&error))?;
+        let mut documents = Vec::new();
+        let leases = read_last(fleet, LEASES, &mut documents).await?;
+        // What comes later is heard as it is said.
+        read_last(states, STATES, &mut documents).await?;
+        Ok(Link {
+            client,
+            streams,
+            is_up,
+            hellos,
+            said,
+            leases,
+            documents,
+        })
+    }
+
+    /// The server that it is connected to.
+    pub(super) fn server(&self) -> String {
+        let info = self.client.server_info();
+        format!("{} {}", info.server_name, info.version)
+    }
+}
+
+/// Reads the last message of each subject; what comes after them is in the stream that is returned.
+async fn read_last(
+    stream: &NatsStream,
+    subjects: &str,
+    into: &mut Vec<(String, Vec<u8>, u64)>,
+) -> Result<Ordered, Problem> {
+    let config = OrderedConfig {
+        deliver_policy: DeliverPolicy::LastPerSubject,
+        filter_subject: subjects.to_owned(),
+        ..OrderedConfig::default()
+    };
+    let consumer: Consumer<OrderedConfig> = stream
+        .create_consumer(config)
+        .await
+        .map_err(|error| no_streams(&error))?;
+    let mut left = consumer.cached_info().num_pending;
+    let mut messages = consumer
+        .messages()
+        .await
+        .map_err(|error| no_streams(&error))?;
+    while left > 0 {
+        let message = tokio::time::timeout(DOCUMENT_MAX, next(&mut messages)).await;
+        let message = message.map_err(|_| no_streams(&"no document came"))?;
+        let message = message.ok_or_else(|| ended(&"closed"))?;
+        let message = message.map_err(|error| no_streams(&error))?;
+        let info = message.info().map_err(|error| no_streams(&error))?;
+        left = info.pending;
+        let number = info.stream_sequence;
+        into.push((
+            message.subject.to_string(),
+            message.payload.to_vec(),
+            number,
+        ));
+    }
+    Ok(messages)
+}
+
+/// The next of a stream; none at its end. Can be dropped.
+pub(super) async fn next<S: Stream + Unpin>(from: &mut S) -> Option<S::Item> {
+    std::future::poll_fn(|context| Pin::new(&mut *from).poll_next(context)).await
+}

@@ -1,0 +1,100 @@
+//! What the centre knows, as its API has it.
+
+use railbus_api::fleet::{
+    FleetPoint, FleetPresence, FleetSite, FleetSitePoints, FleetSites, HubConnection,
+};
+use railbus_api::problem::Problem;
+use railbus_api::types::Quality;
+use railbus_app::api::past::moment;
+use railbus_fleet::centre::{Centre, KnownPoint, SitePresence, SiteView};
+use railbus_fleet::message::{ReadingQuality, UplinkValue};
+use serde_json::Value;
+use std::time::Duration;
+
+/// The version of the API.
+const SCHEMA: u8 = 1;
+
+/// All sites.
+pub(super) fn sites(centre: &Centre, now: Duration, error: Option<Problem>) -> FleetSites {
+    FleetSites {
+        schema: SCHEMA,
+        connection: HubConnection {
+            connected: centre.is_connected(),
+            error,
+            unreadable: centre.bad(),
+        },
+        sites: centre.sites(now).map(|view| site(&view)).collect(),
+    }
+}
+
+/// A site with its points.
+pub(super) fn site_points(view: &SiteView<'_>) -> FleetSitePoints {
+    let points = view.points.iter();
+    FleetSitePoints {
+        schema: SCHEMA,
+        site: site(view),
+        points: points
+            .map(|(path, known)| point(view, path, known))
+            .collect(),
+    }
+}
+
+fn site(view: &SiteView<'_>) -> FleetSite {
+    let ms = |time: Duration| u64::try_from(time.as_millis()).unwrap_or(u64::MAX);
+    FleetSite {
+        site: view.name.to_owned(),
+        presence: match view.presence {
+            SitePresence::Online => FleetPresence::Online,
+            SitePresence::Offline => FleetPresence::Offline,
+            SitePresence::Unknown => FleetPresence::Unknown,
+        },
+        heard_ms: view.heard.map(ms),
+        current: view.is_current,
+        known_ms: view.vouched.map(ms),
+        behind: view.behind,
+        points: view.points.len(),
+        clock_ahead_ms: view.clock_ahead_ms,
+        version: view.version.to_owned(),
+        copy_ms: view.copy.map(ms),
+    }
+}
+
+fn point(view: &SiteView<'_>, path: &str, known: &KnownPoint) -> FleetPoint {
+    let reading = &known.reading;
+    let quality = match reading.quality() {
+        ReadingQuality::Good => Quality::Good,
+        ReadingQuality::Stale => Quality::Stale,
+        // One of a newer version.
+        ReadingQuality::Bad | ReadingQuality::Unspecified => Quality::Bad,
+    };
+    let own = Some(reading.reason.clone()).filter(|reason| !reason.is_empty());
+    // What was good is so no longer, or that is not known.
+    let (quality, reason) = match (quality, view.is_current, view.presence) {
+        (Quality::Good, false, presence) => {
+            let reason = match presence {
+                SitePresence::Offline => "site_offline",
+                SitePresence::Unknown => "site_unknown",
+                SitePresence::Online => "incomplete",
+            };
+            (Quality::Stale, Some(reason.to_owned()))
+        }
+        (quality, ..) => (quality, own),
+    };
+    FleetPoint {
+        path: path.to_owned(),
+        value: reading.value.as_ref().map(value),
+        quality,
+        reason,
+        since: moment(known.at_ms),
+        time: reading.read_ms.map(moment),
+    }
+}
+
+fn value(value: &UplinkValue) -> Value {
+    match value {
+        UplinkValue::On(on) => Value::from(*on),
+        UplinkValue::Count(count) => Value::from(*count),
+        UplinkValue::Number(number) => Value::from(*number),
+        UplinkValue::Text(text) => Value::from(text.clone()),
+    }
+}

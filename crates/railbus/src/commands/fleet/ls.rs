@@ -1,0 +1,96 @@
+//! `railbus fleet ls`: the sites.
+
+use super::FleetText;
+use crate::commands::{Context, ls};
+use clap::{ArgMatches, Command};
+use railbus_api::fleet::{FleetPresence, FleetSite};
+use railbus_app::failure::Failure;
+use railbus_app::render::out;
+use railbus_app::render::records::Records;
+use railbus_app::render::table::Table;
+use railbus_app::texts::AppText;
+use railbus_words::{Lang, time};
+
+/// The name of the command.
+pub(super) const NAME: &str = "ls";
+
+/// A clock that is off by more than this is said to be, in milliseconds.
+const CLOCK_OFF_MS: u64 = 2_000;
+
+/// Its parser and help.
+pub(super) fn define(lang: Lang) -> Command {
+    super::verb(lang, NAME, FleetText::Ls, "railbus fleet ls")
+}
+
+/// Prints all sites.
+pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure> {
+    let lang = context.lang;
+    let told = super::ask(context, matches, async |hub| hub.sites().await)?;
+    let mut table = Table::new(lang.get(FleetText::SitesHead).split('|'));
+    for site in &told.sites {
+        table.add([
+            site.site.clone(),
+            lang.get(state(site)).to_owned(),
+            lang.get(values(site)).to_owned(),
+            site.heard_ms.map_or_else(dash, |ms| ago(lang, ms)),
+            site.behind.to_string(),
+            site.version.clone(),
+            notes(lang, site),
+        ]);
+    }
+    let shown = Records {
+        key: "sites",
+        rows: ls::json_of(&told.sites),
+        columns: &[
+            "site", "presence", "current", "heard_ms", "known_ms", "behind", "points", "version",
+        ],
+        value: "site",
+        table,
+    };
+    out::result(lang, &shown.render(context.format))?;
+    match told.connection.error {
+        // What is shown is what was known.
+        Some(problem) if !told.connection.connected => Err(context.failure(&problem)),
+        _ => Ok(()),
+    }
+}
+
+fn dash() -> String {
+    "–".to_owned()
+}
+
+const fn state(site: &FleetSite) -> FleetText {
+    match site.presence {
+        FleetPresence::Online => FleetText::Online,
+        FleetPresence::Offline => FleetText::Away,
+        FleetPresence::Unknown => FleetText::Unknown,
+    }
+}
+
+const fn values(site: &FleetSite) -> FleetText {
+    match (site.current, site.points) {
+        (true, _) => FleetText::Current,
+        (false, 0) => FleetText::None,
+        (false, _) => FleetText::Old,
+    }
+}
+
+/// How long ago something was.
+pub(super) fn ago(lang: Lang, millis: u64) -> String {
+    let time = time::span(lang, millis / 1_000);
+    lang.fill(FleetText::Ago, &[("time", &time)])
+}
+
+fn notes(lang: Lang, site: &FleetSite) -> String {
+    let copied = site.copy_ms.map(|ms| {
+        let ago = ago(lang, ms);
+        lang.fill(FleetText::Copied, &[("ago", &ago)])
+    });
+    let off = site.clock_ahead_ms.map(i64::unsigned_abs);
+    let clock = off.filter(|off| *off > CLOCK_OFF_MS).map(|off| {
+        let time = time::span(lang, off / 1_000);
+        lang.fill(FleetText::ClockOff, &[("time", &time)])
+    });
+    let notes: Vec<String> = copied.into_iter().chain(clock).collect();
+    notes.join(lang.get(AppText::Comma))
+}
