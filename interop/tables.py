@@ -706,6 +706,16 @@ a site that is not let in
 credentials that are replaced
 """
 
+FLEET_HUB = """
+a site and the centre
+a centre that dies
+machines with one key
+not all has arrived
+a site that is silent
+two processes of the centre
+a centre without servers
+"""
+
 FLEET_LEADERS = """
 leaders that die
 """
@@ -750,6 +760,7 @@ TABLES = {
     "one truth": ONE_TRUTH,
     "fleet": FLEET,
     "fleet, a site": FLEET_SITE,
+    "fleet, the centre": FLEET_HUB,
     "fleet, leaders": FLEET_LEADERS,
     "Modbus RTU slave": MODBUS_RTU_SLAVE,
 }

@@ -1,0 +1,404 @@
+"""The centre of a fleet, `railbus fleet serve`, in front of real servers: a site by railbus, and
+sites by others that do what no site should."""
+
+import asyncio
+import http.client
+import json
+import os
+import pathlib
+import signal
+import socket
+import subprocess
+import tempfile
+import threading
+import time
+
+import nats
+
+from fleet import HOST, PROGRAM, Fleet, asked, messages
+from fleet_uplink_suite import SITE, Plant
+from modbus_tcp import PATIENCE, until
+from rig import Tally
+
+# A site that is silent for so long is offline, in seconds.
+ONLINE = 35.0
+# The name of a session that nobody gave.
+NO_SESSION = "0" * 32
+
+
+class SocketConnection(http.client.HTTPConnection):
+    """HTTP over a Unix socket."""
+
+    def __init__(self, path):
+        super().__init__("localhost", timeout=PATIENCE)
+        self.path = path
+
+    def connect(self):
+        """Connects."""
+        self.sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self.sock.settimeout(PATIENCE)
+        self.sock.connect(self.path)
+
+
+class Hub:
+    """A process of the centre."""
+
+    def __init__(self, fleet):
+        self.fleet = fleet
+        self.place = tempfile.TemporaryDirectory(prefix="railbus-hub-")
+        self.socket = os.path.join(self.place.name, "hub.sock")
+        self.said = pathlib.Path(self.place.name) / "log"
+        self.process = None
+
+    def start(self):
+        """Starts it; returns once it tells."""
+        words = [PROGRAM, "fleet", "serve", str(self.fleet.folder), "--socket", self.socket]
+        with open(self.said, "a", encoding="utf-8") as log:
+            self.process = subprocess.Popen(words, stdout=log, stderr=log)
+        until(self.is_connected)
+
+    def is_connected(self):
+        """Whether it hears what sites say."""
+        try:
+            return self.sites()["connection"]["connected"]
+        except OSError:
+            # One that was killed leaves its socket.
+            return False
+
+    def end(self, how):
+        """Ends it by a signal; its exit code."""
+        if not self.process:
+            return None
+        self.process.send_signal(how)
+        code = self.process.wait(PATIENCE)
+        self.process = None
+        return code
+
+    def get(self, path):
+        """What it says there: status and content."""
+        connection = SocketConnection(self.socket)
+        try:
+            connection.request("GET", path)
+            answer = connection.getresponse()
+            return answer.status, json.loads(answer.read())
+        finally:
+            connection.close()
+
+    def sites(self):
+        """All sites, and the connection."""
+        return self.get("/fleet/v1/sites")[1]
+
+    def site(self, name):
+        """What is said of a site; nothing, where there is none."""
+        status, said = self.get(f"/fleet/v1/sites/{name}")
+        return said["site"] if status == 200 else {}
+
+    def point(self, name, path):
+        """Value, quality and reason of a point, and whether it is current."""
+        status, said = self.get(f"/fleet/v1/sites/{name}")
+        if status != 200:
+            return None
+        found = [each for each in said["points"] if each["path"] == path]
+        return found and (found[0]["value"], found[0]["quality"], found[0].get("reason"),
+                          said["site"]["current"])
+
+    def run(self, *words):
+        """A command that asks it: exit code and what it prints."""
+        ran = subprocess.run([PROGRAM, "fleet", *words, "--socket", self.socket],
+                             capture_output=True, text=True, check=False)
+        return ran.returncode, ran.stdout, ran.stderr
+
+    def close(self):
+        """Ends it, and leaves nothing."""
+        self.end(signal.SIGKILL)
+        self.place.cleanup()
+
+
+class Site:
+    """A site by others."""
+
+    def __init__(self, fleet, name):
+        self.fleet, self.name, self.form = fleet, name, messages()
+        self.loop = asyncio.new_event_loop()
+        threading.Thread(target=self.loop.run_forever, daemon=True).start()
+        self.client = None
+        # What it is asked: the last two words of the subjects.
+        self.asked = []
+        self.began = time.monotonic()
+        self.run(self._start())
+
+    def run(self, what):
+        """Does this on its thread."""
+        return asyncio.run_coroutine_threadsafe(what, self.loop).result(2 * PATIENCE)
+
+    async def _start(self):
+        self.client = await self.fleet.site(self.name)
+
+        async def note(message):
+            self.asked.append(tuple(message.subject.split(".")[3:]))
+            if message.reply:
+                await message.respond(b"")
+
+        await self.client.subscribe(f"rb.down.{self.name}.*.*", cb=note)
+        await self.client.flush()
+
+    def hello(self, installation, boot):
+        """Asks for a session: its name, or the code and reason of the refusal."""
+        hello = self.form.Hello(installation=bytes([installation] * 16), boot=bytes([boot] * 16),
+                                epoch="e", newest=0, version="9.9", clock_ms=self.clock())
+
+        async def asks():
+            return await asked(self.client, f"rb.up.{self.name}.hello", hello.SerializeToString())
+
+        answer = self.form.Welcome.FromString(self.run(asks()).data)
+        if answer.WhichOneof("answer") == "session":
+            return answer.session
+        return answer.refusal.code, answer.refusal.reason
+
+    def clock(self):
+        """Milliseconds since 1970."""
+        return int(time.time() * 1000)
+
+    def says(self, what, payload):
+        """Publishes something."""
+        async def say():
+            await self.client.publish(f"rb.up.{self.name}.{what}", payload)
+            await self.client.flush()
+
+        self.run(say())
+
+    def beat(self, session, newest=0, boot=1, **more):
+        """A heartbeat."""
+        beat = {"boot": bytes([boot] * 16), "session": session, "epoch": "e", "newest": newest,
+                "delivered": newest, "clock_ms": self.clock(),
+                "time_ms": int((time.monotonic() - self.began) * 1000)}
+        self.says("beat", self.form.Beat(**{**beat, **more}).SerializeToString())
+
+    def entry(self, path, value):
+        """A point that is on or off, and good."""
+        reading = self.form.Reading(path=path, on=value, quality=self.form.Quality.GOOD)
+        return self.form.Entry(at_ms=self.clock(), reading=reading)
+
+    def state(self, session, seq, **points):
+        """How all points are."""
+        entries = [self.entry(f"m.{name}", value) for name, value in points.items()]
+        state = self.form.State(session=session, epoch="e", seq=seq, points=entries)
+        self.says("state", state.SerializeToString())
+
+    def batch(self, session, seq, *values):
+        """Entries of the point m.k1."""
+        entries = [self.entry("m.k1", value) for value in values]
+        batch = self.form.Batch(session=session, epoch="e", seq=seq, entries=entries)
+        self.says("data", batch.SerializeToString())
+
+    def close(self):
+        """Ends it."""
+        self.run(self.client.close())
+        self.loop.call_soon_threadsafe(self.loop.stop)
+
+
+def is_so(s, entry, got, want, what):
+    """Whether this becomes so."""
+    until(lambda: got() == want)
+    s.check(entry, got(), want, what)
+
+
+def knows(s, hub):
+    """What a site by railbus says is known."""
+    entry = "a site and the centre"
+    is_so(s, entry, lambda: hub.site(SITE).get("current"), True, "current")
+    site = hub.site(SITE)
+    s.check(entry, (site["presence"], site["heard_ms"] < 1000 * ONLINE), ("online", True), "there")
+    s.check(entry, abs(site["clock_ahead_ms"]) < 2000, True, "its clock")
+    for path, want in (("hall.di0", True), ("hall.di1", False), ("oven.k1", False),
+                       ("tank.ai1", 8.71)):
+        is_so(s, entry, lambda path=path: hub.point(SITE, path), (want, "good", None, True), path)
+    s.ask("PUT", "/points/oven/k1", {"value": True})
+    is_so(s, entry, lambda: hub.point(SITE, "oven.k1"), (True, "good", None, True), "switched")
+    s.sim.do("power hall off")
+    is_so(s, entry, lambda: hub.point(SITE, "hall.di0"), (None, "bad", "offline", True), "dead")
+    s.sim.do("power hall on")
+    is_so(s, entry, lambda: hub.point(SITE, "hall.di0"), (True, "good", None, True), "alive")
+    code, said, _ = hub.run("get", SITE, "oven.k1", "-o", "value")
+    s.check(entry, (code, said), (0, "on\n"), "railbus fleet get")
+    code, said, _ = hub.run("ls", "-o", "json")
+    s.check(entry, (code, json.loads(said)["sites"][0]["site"]), (0, SITE), "railbus fleet ls")
+    code, _, said = hub.run("get", "nowhere")
+    s.check(entry, (code, "E0836" in said), (8, True), "no such site")
+    code, _, said = hub.run("get", SITE, "oven.k9")
+    s.check(entry, (code, "E0802" in said), (8, True), "no such point")
+    s.check(entry, hub.get("/fleet/v1/none")[0], 404, "no such page")
+    mode = os.stat(hub.socket).st_mode & 0o777
+    s.check(entry, mode, 0o600, "only its owner may open the socket")
+
+
+def dies(s, hub):
+    """A centre that was killed knows all again, and also what happened meanwhile. Sites do not
+    notice."""
+    entry = "a centre that dies"
+    session = s.outlet()["since"]
+    hub.end(signal.SIGKILL)
+    s.ask("PUT", "/points/oven/k1", {"value": False})
+    s.ask("PUT", "/points/oven/k2", {"value": True})
+    is_so(s, entry, lambda: s.outlet()["queue"], 0, "servers take data without it")
+    hub.start()
+    site = hub.site(SITE)
+    first = (site["presence"], site["current"])
+    s.check(entry, first in (("unknown", False), ("online", False)), True, str(first))
+    is_so(s, entry, lambda: hub.site(SITE)["current"], True, "current")
+    s.check(entry, hub.point(SITE, "oven.k1"), (False, "good", None, True), "switched off")
+    s.check(entry, hub.point(SITE, "oven.k2"), (True, "good", None, True), "switched on")
+    s.check(entry, (s.state()[0], s.outlet()["since"]), ("running", session), "unnoticed")
+
+
+def copied(s, hub, site):
+    """One machine is the site, and others are told so."""
+    entry = "machines with one key"
+    taken = ("E0935", "another machine reports as this site")
+    first = site.hello(1, 1)
+    s.check(entry, len(first), 32, "a session")
+    site.beat(first)
+    is_so(s, entry, lambda: hub.site(site.name)["presence"], "online", "there")
+    s.check(entry, site.hello(2, 7), taken, "another installation")
+    s.check(entry, "copy_ms" in hub.site(site.name), True, "it is said")
+    again = site.hello(1, 1)
+    s.check(entry, (len(again), again != first), (32, True), "the same run again")
+    site.beat(again)
+    restarted = site.hello(1, 2)
+    s.check(entry, len(restarted), 32, "a restart")
+    is_so(s, entry, lambda: (again, "end") in site.asked, True, "the other session has ended")
+    s.check(entry, (restarted, "end") in site.asked, False, "this one has not")
+    site.beat(restarted, boot=2)
+    site.asked.clear()
+    site.beat(again)
+    is_so(s, entry, lambda: (again, "end") in site.asked, True, "it is told again")
+    s.check(entry, site.hello(1, 1), taken, "no run comes back after a restart")
+    site.beat(NO_SESSION)
+    s.check(entry, (NO_SESSION, "end") in site.asked, False, "a session that nobody gave")
+    _, said, _ = hub.run("ls")
+    s.check(entry, "another machine has its key" in said, True, said)
+    return restarted
+
+
+def incomplete(s, hub, site, session):
+    """What is not all is not shown as if it were so."""
+    entry = "not all has arrived"
+    name = site.name
+    site.state(session, 5, k1=True, k2=False)
+    site.beat(session, newest=7, boot=2)
+    old = (True, "stale", "incomplete", False)
+    is_so(s, entry, lambda: hub.point(name, "m.k1"), old, "an entry is missing")
+    code, said, error = hub.run("get", name)
+    s.check(entry, (code, "incomplete" in said or "not all" in said, "E0304" in error),
+            (3, True, True), "railbus fleet get")
+    code, said, _ = hub.run("get", name, "m.k1", "-o", "value")
+    s.check(entry, (code, said), (3, "?\n"), "no value without its quality")
+    site.batch(session, 7, False)
+    is_so(s, entry, lambda: hub.point(name, "m.k1")[0], False, "the last entry")
+    s.check(entry, hub.site(name)["current"], False, "the one before is missing")
+
+    def asks():
+        site.beat(session, newest=7, boot=2)
+        time.sleep(0.5)
+        return (session, "state") in site.asked
+
+    s.check(entry, until(asks), True, "it is asked how all is")
+    site.batch(session, 6, True)
+    new = (False, "good", None, True)
+    is_so(s, entry, lambda: hub.point(name, "m.k1"), new, "all is there")
+    site.state(session, 4, k1=True)
+    site.batch(NO_SESSION, 8, True)
+    site.state(NO_SESSION, 9, k1=True)
+    site.beat(session, newest=7, boot=2)
+    s.check(entry, hub.point(name, "m.k1"), new, "what is older, or of another session")
+    before = hub.sites()["connection"]["unreadable"]
+    for what in ("beat", "data", "state", "hello"):
+        site.says(what, b"\xff\xff")
+    # A hello that is no request is none.
+    is_so(s, entry, lambda: hub.sites()["connection"]["unreadable"], before + 3, "no message")
+    s.check(entry, hub.point(name, "m.k1"), new, "nothing is changed by it")
+
+
+def silent(s, hub, site):
+    """A site that is silent is offline, and its values are no longer good."""
+    entry = "a site that is silent"
+    said = time.monotonic()
+    is_so(s, entry, lambda: hub.site(site.name)["presence"], "offline", "offline")
+    # It was heard a moment before that was noted here.
+    s.check(entry, time.monotonic() - said < 2 * ONLINE, True, "soon")
+    old = (False, "stale", "site_offline", False)
+    s.check(entry, hub.point(site.name, "m.k1"), old, "what was so")
+    s.check(entry, hub.site(site.name)["known_ms"] > 1000 * (ONLINE - 1), True, "how long ago")
+    s.check(entry, hub.site(SITE)["current"], True, "the other site")
+
+
+def two(s, hub, other):
+    """Two processes are one centre."""
+    entry = "two processes of the centre"
+    other.start()
+    is_so(s, entry, lambda: other.site(SITE).get("current"), True, "both know")
+    site = Site(s.fleet, "plant9")
+    try:
+        sessions = [site.hello(1, 1) for _ in range(8)]
+        s.check(entry, len(set(sessions)), 8, "each is another")
+        site.state(sessions[-1], 0, k1=True)
+        site.beat(sessions[-1])
+        for each in (hub, other):
+            is_so(s, entry, lambda each=each: each.point("plant9", "m.k1"),
+                  (True, "good", None, True), "both know the last one")
+        s.check(entry, site.hello(2, 2)[0], "E0935", "another machine")
+        s.check(entry, hub.end(signal.SIGTERM), 0, "one ends")
+        session = site.hello(1, 2)
+        site.state(session, 0, k1=False)
+        site.beat(session, boot=2)
+        is_so(s, entry, lambda: other.point("plant9", "m.k1"), (False, "good", None, True),
+              "the other goes on")
+    finally:
+        site.close()
+    hub.start()
+    s.check(entry, hub.point("plant9", "m.k1")[0], False, "it is there again")
+    other.end(signal.SIGKILL)
+
+
+def servers_away(s, hub):
+    """Without servers nothing is known, and nothing is said to be offline."""
+    entry = "a centre without servers"
+    s.fleet.kill(0)
+    is_so(s, entry, lambda: hub.sites()["connection"]["connected"], False, "it says so")
+    is_so(s, entry, lambda: hub.site(SITE)["presence"], "unknown", "not known")
+    s.check(entry, hub.point(SITE, "oven.k2"), (True, "stale", "site_unknown", False), "was so")
+    is_so(s, entry, lambda: hub.sites()["connection"]["error"]["code"], "E0161", "why")
+    code, _, said = hub.run("ls")
+    s.check(entry, (code, "E0161" in said), (1, True), "railbus fleet ls")
+    s.ask("PUT", "/points/oven/k2", {"value": False})
+    s.fleet.start(0)
+    is_so(s, entry, lambda: hub.point(SITE, "oven.k2"), (False, "good", None, True), "all is known")
+    s.check(entry, "error" in hub.sites()["connection"], False, "nothing is wrong")
+
+
+def suite():
+    """Runs it."""
+    tally = Tally("fleet, the centre")
+    with Fleet(1) as fleet:
+        hub, other = Hub(fleet), Hub(fleet)
+        site = None
+        try:
+            hub.start()
+            with Plant(fleet, None, tally) as s:
+                knows(s, hub)
+                dies(s, hub)
+                site = Site(fleet, "plant8")
+                session = copied(s, hub, site)
+                incomplete(s, hub, site, session)
+                silent(s, hub, site)
+                two(s, hub, other)
+                servers_away(s, hub)
+        finally:
+            if site:
+                site.close()
+            hub.close()
+            other.close()
+    return tally
+
+
+SUITES = [("fleet: the centre", suite)]
