@@ -20,8 +20,8 @@ pub struct KnownPoint {
     pub reading: UplinkReading,
 }
 
-/// What is known of the points of a site. What is true of a point is what its entry with the highest
-/// number says. They are known to be so where all is there up to a number: as entries, or as the
+/// What is known of the points of a site. What is true of a point is what its entry with the
+/// highest number says. They are known to be so where all is there up to a number: as entries, or as the
 /// state after that number or a later one.
 #[derive(Clone, Debug, Default)]
 pub(super) struct KnownSite {

@@ -69,7 +69,7 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
     out::result(lang, &shown.render(context.format))?;
     match told.site.current {
         true => {
-            // Points that change are told within seconds; until then this is the last that was said.
+            // A change is told within seconds; until then this is the last that was said.
             let ago = ago(lang, told.site.known_ms.unwrap_or_default());
             context.note(&lang.fill(FleetText::AsOf, &[("ago", &ago)]));
             Ok(())

@@ -82,7 +82,10 @@ railbus_words::texts! {
     Ls { en: "List the sites of the fleet.", zh: "列出站群的站点。" }
     Get { en: "Show the points of a site, as the centre knows them.", zh: "显示中心所知的站点点位。" }
     SiteName { en: "The site", zh: "站点" }
-    Points { en: "Modules or points, such as oven or oven.k1 [all]", zh: "模块或点位，如 oven 或 oven.k1 [全部]" }
+    Points {
+        en: "Modules or points, such as oven or oven.k1 [all]",
+        zh: "模块或点位，如 oven 或 oven.k1 [全部]",
+    }
     SitesHead {
         en: "SITE|STATE|VALUES|HEARD|BEHIND|VERSION|NOTE",
         zh: "站点|状态|数值|最近心跳|待送|版本|备注",
