@@ -21,8 +21,8 @@ pub struct KnownPoint {
 }
 
 /// What is known of the points of a site. What is true of a point is what its entry with the
-/// highest number says. They are known to be so where all is there up to a number: as entries, or as the
-/// state after that number or a later one.
+/// highest number says. They are known to be so where all is there up to a number: as entries, or
+/// as the state after that number or a later one.
 #[derive(Clone, Debug, Default)]
 pub(super) struct KnownSite {
     /// What the numbers of this session belong to.

@@ -1,6 +1,6 @@
 //! Two machines with one key, and two centres, in virtual time, from a seed: messages that are
-//! lost, late and out of order, documents that are stored late or of which nobody hears, and restarts of
-//! all. A judge knows what each machine recorded, and when.
+//! lost, late and out of order, documents that are stored late or of which nobody hears, and
+//! restarts of all. A judge knows what each machine recorded, and when.
 
 use crate::centre::{Centre, CentreInput, CentreOutput, ONLINE, SitePresence};
 use crate::message::{SessionLease, UplinkValue};
