@@ -2,7 +2,9 @@
 nats-py as a site and as a centre."""
 
 import asyncio
+import base64
 import importlib.util
+import json
 import logging
 import os
 import pathlib
@@ -16,6 +18,7 @@ import threading
 
 import grpc_tools.protoc
 import nats
+import nkeys
 from nats.js import api
 
 from modbus_tcp import HOST, PATIENCE, PROGRAM
@@ -127,6 +130,13 @@ class Fleet:
             if code:
                 raise RuntimeError(said)
         return str(path)
+
+    def expiring(self, site, at):
+        """The path of a site's credentials that are valid until this time in seconds since 1970."""
+        token, seed = inside(self.creds(site))
+        key = (self.folder / "hub/site-signing.nk").read_text(encoding="utf-8").strip()
+        token = signed({**claims_of(token), "exp": at}, key)
+        return write_creds(self.folder / f"{site}.expiring.creds", token, seed)
 
     def tls(self):
         """Trusts the authority of the fleet, and no other."""
@@ -337,6 +347,27 @@ def inside(path):
     token = next(line for line in lines if line.startswith("ey"))
     seed = next(line for line in lines if line.startswith("SU"))
     return token, seed
+
+
+def claims_of(token):
+    """What a token says."""
+    body = token.split(".")[1]
+    return json.loads(base64.urlsafe_b64decode(body + "=" * (-len(body) % 4)))
+
+
+def unsigned(claims):
+    """A token for these claims, but for its signature."""
+    def part(value):
+        return base64.urlsafe_b64encode(json.dumps(value).encode()).rstrip(b"=").decode()
+
+    return f"{part({'typ': 'JWT', 'alg': 'ed25519-nkey'})}.{part(claims)}"
+
+
+def signed(claims, seed):
+    """A token for these claims, signed by this key."""
+    text = unsigned(claims)
+    sign = nkeys.from_seed(seed.encode()).sign(text.encode())
+    return f"{text}.{base64.urlsafe_b64encode(sign).rstrip(b'=').decode()}"
 
 
 def write_creds(path, token, seed):

@@ -13,15 +13,15 @@ import tempfile
 import threading
 import time
 
-import nats
-
-from fleet import HOST, PROGRAM, Fleet, asked, messages
+from fleet import PROGRAM, Fleet, asked, messages
 from fleet_uplink_suite import SITE, Plant
 from modbus_tcp import PATIENCE, until
 from rig import Tally
 
 # A site that is silent for so long is offline, in seconds.
 ONLINE = 35.0
+# The keys of sites by others are valid for so long, in seconds.
+KEY_ENDS = 5 * 86_400
 # The name of a session that nobody gave.
 NO_SESSION = "0" * 32
 
@@ -125,6 +125,7 @@ class Site:
         # What it is asked: the last two words of the subjects.
         self.asked = []
         self.began = time.monotonic()
+        self.key_ends = int(time.time()) + KEY_ENDS
         self.run(self._start())
 
     def run(self, what):
@@ -145,7 +146,8 @@ class Site:
     def hello(self, installation, boot):
         """Asks for a session: its name, or the code and reason of the refusal."""
         hello = self.form.Hello(installation=bytes([installation] * 16), boot=bytes([boot] * 16),
-                                epoch="e", newest=0, version="9.9", clock_ms=self.clock())
+                                epoch="e", newest=0, version="9.9", clock_ms=self.clock(),
+                                key_expires_s=self.key_ends)
 
         async def asks():
             return await asked(self.client, f"rb.up.{self.name}.hello", hello.SerializeToString())
@@ -275,8 +277,14 @@ def copied(s, hub, site):
     s.check(entry, site.hello(1, 1), taken, "no run comes back after a restart")
     site.beat(NO_SESSION)
     s.check(entry, (NO_SESSION, "end") in site.asked, False, "a session that nobody gave")
+    _, said, _ = hub.run("ls", "-o", "json")
+    shown = next(each for each in json.loads(said)["sites"] if each["site"] == site.name)
+    s.check(entry, "copy_ms" in shown, True, "railbus fleet ls")
+    day = time.strftime("%Y-%m-%d", time.gmtime(site.key_ends))
+    s.check(entry, shown["key_until"][:10], day, "until when its key is valid")
     _, said, _ = hub.run("ls")
-    s.check(entry, "another machine has its key" in said, True, said)
+    for note in ("another machine has its key", "its key is valid until"):
+        s.check(entry, note in said, True, said)
     return restarted
 
 

@@ -2,7 +2,6 @@
 is its own, and with its key nobody reaches anything else."""
 
 import asyncio
-import base64
 import json
 import ssl
 import time
@@ -11,7 +10,8 @@ import nats
 import nkeys
 from nats.js.errors import APIError
 
-from fleet import Fleet, asked, forbidden, inside, write_creds
+from fleet import (
+    Fleet, asked, claims_of, forbidden, inside, signed, unsigned, write_creds)
 from modbus_tcp import PATIENCE
 from rig import Tally
 
@@ -230,18 +230,8 @@ async def keys(s):
     entry = "only keys of the fleet are accepted"
     folder = s.fleet.folder
     token, seed = inside(s.fleet.creds(OWN))
-    head, body, signature = token.split(".")
-    claims = json.loads(base64.urlsafe_b64decode(body + "=" * (-len(body) % 4)))
-
-    def part(value):
-        return base64.urlsafe_b64encode(json.dumps(value).encode()).rstrip(b"=").decode()
-
-    def signed(claims, seed_of):
-        text = f"{head}.{part(claims)}"
-        key = nkeys.from_seed(seed_of.encode())
-        sign = base64.urlsafe_b64encode(key.sign(text.encode())).rstrip(b"=").decode()
-        return f"{text}.{sign}"
-
+    signature = token.split(".")[2]
+    claims = claims_of(token)
     site_seed = (folder / "hub/site-signing.nk").read_text(encoding="utf-8").strip()
     stranger = nkeys.encode_seed(b"\x07" * 32, nkeys.PREFIX_BYTE_ACCOUNT).decode()
     _, other_seed = inside(s.fleet.creds(OTHER))
@@ -251,7 +241,7 @@ async def keys(s):
         "as it is": (token, seed, True),
         "signed again by the key of sites": (signed(claims, site_seed), seed, True),
         "another name, and the signature of before":
-            (f"{head}.{part({**claims, 'name': OTHER})}.{signature}", seed, False),
+            (f"{unsigned({**claims, 'name': OTHER})}.{signature}", seed, False),
         "signed by a stranger": (signed(claims, stranger), seed, False),
         "signed by a stranger, who says so":
             (signed({**claims, "iss": nkeys.from_seed(stranger.encode()).public_key.decode()},

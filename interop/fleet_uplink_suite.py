@@ -11,6 +11,8 @@ from outlet_plant import OutletPlant
 from rig import Tally
 
 SITE = "plant7"
+# Credentials that are valid for so long expire soon, in seconds: 20 days.
+ENDS_SOON = 20 * 86_400
 # So long something would have happened, in seconds.
 LONG = 12.0
 # How often a server dies, and how often a relay is switched before and after that.
@@ -233,7 +235,7 @@ def keys(s, other):
     s.settings = before
 
 
-def renewed(s, other):
+def renewed(s):
     """Credentials that are replaced while it runs are read without a restart."""
     entry = "credentials that are replaced"
     s.settings = {**s.settings, "credentials": str(s.fleet.folder / "replaced.creds")}
@@ -250,11 +252,15 @@ def renewed(s, other):
     # It has tried with all that it had.
     until(lambda: error().get("at") != before and s.state()[1] == "E0161")
     s.check(entry, s.state()[1], "E0161", "nobody is there")
-    shutil.copy(other, s.settings["credentials"])
+    ends = int(time.time()) + ENDS_SOON
+    shutil.copy(s.fleet.expiring("plant8", ends), s.settings["credentials"])
     s.fleet.start(0)
     s.centre.again()
     until(lambda: s.centre.heard["hello"][-1][0] == "plant8")
-    s.check(entry, s.centre.heard["hello"][-1][0], "plant8", "afterwards")
+    site, hello = s.centre.heard["hello"][-1]
+    s.check(entry, (site, hello.key_expires_s), ("plant8", ends), "afterwards")
+    until(lambda: s.state() == ("running", "E0936"))
+    s.check(entry, s.state(), ("running", "E0936"), "it says that they expire soon")
 
 
 def suite():
@@ -268,9 +274,8 @@ def suite():
                 servers_away(s)
                 servers_forget(s)
                 centre_away(s)
-                other = fleet.creds("plant8")
-                keys(s, other)
-                renewed(s, other)
+                keys(s, fleet.creds("plant8"))
+                renewed(s)
         finally:
             centre.close()
     return tally

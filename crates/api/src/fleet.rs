@@ -66,6 +66,9 @@ pub struct FleetSite {
     pub clock_ahead_ms: Option<i64>,
     /// Its version of railbus.
     pub version: String,
+    /// Until when its key is valid, as RFC 3339 in UTC; none where it does not expire.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub key_until: Option<String>,
     /// How long ago another machine with its key asked to be this site, in milliseconds, and was
     /// refused.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -278,6 +278,8 @@ pub mod codes {
         FLEET_AWAY = "E0163", 503;
         /// Also `reason`.
         FLEET_TAKEN = "E0935", 409;
+        /// Also `reason`: the day.
+        FLEET_KEY_ENDS = "E0936", 401;
         /// Also `reason`.
         FLEET_NOT_STORED = "E0164", 503;
         /// Also `reason`.

@@ -105,6 +105,8 @@ pub struct SiteView<'c> {
     pub clock_ahead_ms: Option<i64>,
     /// The version of railbus there.
     pub version: &'c str,
+    /// Until when its key is valid, in seconds since 1970; none where it does not expire.
+    pub key_expires_s: Option<i64>,
     /// How long ago another machine with its key asked for its session, and did not get it.
     pub copy: Option<Duration>,
     /// Its points, by path.
@@ -233,6 +235,7 @@ impl Centre {
             (Some(since), _) if ago(since) > ONLINE => SitePresence::Offline,
             _ => SitePresence::Unknown,
         };
+        let lease = site.holder.as_ref().map(|holder| &holder.lease);
         let beat = site.beat.as_ref();
         let has_all = beat.is_some_and(|beat| site.known.has_all(&beat.beat));
         SiteView {
@@ -243,7 +246,8 @@ impl Centre {
             vouched: site.known.vouched().map(ago),
             behind: beat.map_or(0, |b| b.beat.newest.saturating_sub(b.beat.delivered)),
             clock_ahead_ms: beat.map(|beat| beat.clock_ahead_ms),
-            version: site.holder.as_ref().map_or("", |h| &h.lease.version),
+            version: lease.map_or("", |lease| &lease.version),
+            key_expires_s: lease.and_then(|lease| lease.key_expires_s),
             copy: site.copy.map(ago),
             points: site.known.points(),
         }
@@ -296,6 +300,7 @@ impl Centre {
             before,
             version: hello.version,
             granted_ms: clock_ms,
+            key_expires_s: hello.key_expires_s,
         };
         self.outputs.push_back(CentreOutput::Store {
             number,

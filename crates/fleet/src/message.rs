@@ -23,6 +23,9 @@ pub struct Hello {
     /// Its clock, in milliseconds since 1970.
     #[prost(int64, tag = "6")]
     pub clock_ms: i64,
+    /// Until when its key is valid, in seconds since 1970; none where it does not expire.
+    #[prost(int64, optional, tag = "7")]
+    pub key_expires_s: Option<i64>,
 }
 
 /// The answer to [`Hello`].
@@ -259,6 +262,9 @@ pub struct SessionLease {
     /// When it was given, in milliseconds since 1970.
     #[prost(int64, tag = "6")]
     pub granted_ms: i64,
+    /// As in [`Hello`].
+    #[prost(int64, optional, tag = "7")]
+    pub key_expires_s: Option<i64>,
 }
 
 /// A run of a program that was the site before.

@@ -44,6 +44,8 @@ const STATES_MAX: usize = 4;
 pub struct SiteIdentity {
     /// Its name in the fleet.
     pub site: String,
+    /// Until when its key is valid, in seconds since 1970; none where it does not expire.
+    pub key_expires_s: Option<i64>,
     /// Which installation this is.
     pub installation: [u8; 16],
     /// Which run of it.
@@ -184,9 +186,10 @@ impl Uplink {
         }
     }
 
-    /// Its credentials are those of this site.
-    pub fn is_site(&mut self, site: String) {
+    /// Its credentials are those of this site, and valid until this time in seconds since 1970.
+    pub fn is_site(&mut self, site: String, key_expires_s: Option<i64>) {
         self.own.site = site;
+        self.own.key_expires_s = key_expires_s;
     }
 
     /// Something happened, at this time since the start.
@@ -327,6 +330,7 @@ impl Uplink {
             newest: self.transfer.head().newest,
             version: self.own.version.clone(),
             clock_ms: self.clock_ms,
+            key_expires_s: self.own.key_expires_s,
         };
         let number = self.next_number();
         self.session = Session::Asked(number, now + ANSWER_MAX);

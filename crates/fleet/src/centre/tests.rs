@@ -110,6 +110,7 @@ fn hello((installation, boot): Run) -> Hello {
         newest: 0,
         version: "1.2.3".to_owned(),
         clock_ms: 0,
+        key_expires_s: Some(1_800_000_000),
     }
 }
 
@@ -173,6 +174,11 @@ fn a_site_is_one_machine() {
     let mut hub = Hub::new();
     let (first, outputs) = hub.begins(FIRST).unwrap();
     assert_eq!(outputs, []);
+    let view = hub.view();
+    assert_eq!(
+        (view.version, view.key_expires_s),
+        ("1.2.3", Some(1_800_000_000))
+    );
     hub.beats(&first, 0);
     let taken = "another machine reports as this site".to_owned();
     assert_eq!(hub.view().copy, None);

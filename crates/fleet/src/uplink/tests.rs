@@ -13,6 +13,7 @@ fn identity() -> SiteIdentity {
 pub(crate) fn identity_of(installation: [u8; 16], boot: [u8; 16]) -> SiteIdentity {
     SiteIdentity {
         site: "plant7".to_owned(),
+        key_expires_s: Some(1_800_000_000),
         installation,
         boot,
         version: "1.0.0".to_owned(),

@@ -55,6 +55,9 @@ fn site(view: &SiteView<'_>) -> FleetSite {
         points: view.points.len(),
         clock_ahead_ms: view.clock_ahead_ms,
         version: view.version.to_owned(),
+        key_until: view
+            .key_expires_s
+            .map(|at| moment(at.saturating_mul(1_000))),
         copy_ms: view.copy.map(ms),
     }
 }

@@ -225,6 +225,14 @@ codes! {
         next: ["stop the other one, or make credentials of its own for it",
             "停用另一台，或为其生成单独的凭据"],
     }
+    FleetKeyEnds = "E0936" {
+        title: ["the key of this site expires soon", "该站点的密钥即将过期"],
+        likely: ["it is valid for 90 days; after that the servers do not let the site in",
+            "密钥有效期 90 天；过期后服务器不再接纳该站点"],
+        next: ["make another one, and put it in the place of the old one: railbus fleet creds DIR \
+            SITE FILE",
+            "重新生成并替换旧文件：railbus fleet creds 文件夹 站点 文件"],
+    }
     Differs = "E1001" {
         title: ["differences were found", "发现差异"],
         likely: ["the modules' settings are not as configured", "模块设置与期望不同"],

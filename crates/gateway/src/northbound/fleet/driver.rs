@@ -9,6 +9,7 @@ use async_nats::{HeaderMap, Message, StatusCode, Subscriber};
 use futures_core::Stream;
 use prost::Message as _;
 use railbus_api::problem::{Problem, codes};
+use railbus_fleet::SiteClaims;
 use railbus_fleet::message::{FleetRefusal, Resend, ResendAnswer};
 use railbus_fleet::uplink::{
     NoResend, OutboxHead, READ_MAX, SiteIdentity, UpMessage, Uplink, UplinkFault, UplinkInput,
@@ -29,6 +30,8 @@ const LINGER: Duration = Duration::from_secs(1);
 const CLOSE_MAX: Duration = Duration::from_secs(2);
 /// How often it is looked whether a disk still hangs.
 const LOOK: Duration = Duration::from_secs(1);
+/// A key that is valid for less than this is said to end soon, in seconds: a month.
+const KEY_ENDS_SOON_S: i64 = 30 * 86_400;
 /// Every installation has its own number.
 const INSTALLATION_LEN: usize = 16;
 
@@ -47,6 +50,8 @@ struct Driver {
     recorded: Recorded,
     /// What the centre asks, in the session of this name.
     asked: Option<(String, Subscriber)>,
+    /// That its key ends soon, until that is said.
+    key_ends: Option<Problem>,
     /// How many failures were reported since it worked.
     failures: u32,
     /// What is known of the connection.
@@ -78,6 +83,7 @@ pub(super) async fn run(outlet: Outlet) -> Result<(), Problem> {
     let own = SiteIdentity {
         // Known with its credentials.
         site: String::new(),
+        key_expires_s: None,
         installation,
         boot,
         version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -90,6 +96,7 @@ pub(super) async fn run(outlet: Outlet) -> Result<(), Problem> {
             finding: None,
         },
         asked: None,
+        key_ends: None,
         failures: 0,
         link: LinkState::default(),
         began: Instant::now(),
@@ -134,7 +141,7 @@ impl Driver {
             let problem = match opened {
                 Err(problem) => problem,
                 Ok((connection, claims)) => {
-                    self.uplink.is_site(claims.site);
+                    self.known(claims);
                     let end = self.serve(connection, stopped.as_mut()).await;
                     self.asked = None;
                     self.handle(UplinkInput::Lost);
@@ -229,6 +236,15 @@ impl Driver {
 
     fn handle(&mut self, input: UplinkInput<'_>) {
         self.uplink.handle(self.began.elapsed(), input);
+    }
+
+    /// What its credentials say.
+    fn known(&mut self, claims: SiteClaims) {
+        let expires = claims.expires.and_then(|at| i64::try_from(at).ok());
+        self.uplink.is_site(claims.site, expires);
+        let now = millis(SystemTime::now()) / 1_000;
+        let ends = expires.filter(|at| at.saturating_sub(now) < KEY_ENDS_SOON_S);
+        self.key_ends = ends.map(|at| Problem::new(codes::FLEET_KEY_ENDS).with("reason", day(at)));
     }
 
     fn connected(&mut self, connection: &Connection) {
@@ -339,6 +355,9 @@ impl Driver {
                 UplinkOutput::Works => {
                     self.failures = 0;
                     self.outlet.report.worked();
+                    if let Some(problem) = self.key_ends.take() {
+                        self.outlet.report.noted(problem, 1);
+                    }
                 }
                 UplinkOutput::Fails(fault, wait) => {
                     let file = self.outlet.outbox_file();
@@ -464,6 +483,12 @@ fn installation(outlet: &Outlet) -> Result<[u8; INSTALLATION_LEN], Problem> {
     Ok(made)
 }
 
+/// The day of a time in seconds since 1970.
+fn day(at: i64) -> String {
+    let at = jiff::Timestamp::from_second(at).unwrap_or(jiff::Timestamp::MAX);
+    at.strftime("%Y-%m-%d").to_string()
+}
+
 /// Connects once beside the run, and says which server it is.
 pub(super) async fn test(outlet: Outlet) -> Result<String, Problem> {
     let stopped = outlet.stopped();
@@ -473,8 +498,7 @@ pub(super) async fn test(outlet: Outlet) -> Result<String, Problem> {
     };
     let server = connection.client.server_info();
     let until = claims.expires.and_then(|at| i64::try_from(at).ok());
-    let until = until.and_then(|at| jiff::Timestamp::from_second(at).ok());
-    let until = until.map(|at| format!(", {}", at.strftime("%Y-%m-%d")));
+    let until = until.map(|at| format!(", {}", day(at)));
     Ok(format!(
         "{}, nats-server {}{}",
         claims.site,

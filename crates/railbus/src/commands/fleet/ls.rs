@@ -3,6 +3,7 @@
 use super::FleetText;
 use crate::commands::{Context, ls};
 use clap::{ArgMatches, Command};
+use jiff::Timestamp;
 use railbus_api::fleet::{FleetPresence, FleetSite};
 use railbus_app::failure::Failure;
 use railbus_app::render::out;
@@ -16,6 +17,9 @@ pub(super) const NAME: &str = "ls";
 
 /// A clock that is off by more than this is said to be, in milliseconds.
 const CLOCK_OFF_MS: u64 = 2_000;
+
+/// A key that is valid for less than this is said to end, in seconds: a month.
+const KEY_ENDS_SOON_S: i64 = 30 * 86_400;
 
 /// Its parser and help.
 pub(super) fn define(lang: Lang) -> Command {
@@ -91,6 +95,13 @@ fn notes(lang: Lang, site: &FleetSite) -> String {
         let time = time::span(lang, off / 1_000);
         lang.fill(FleetText::ClockOff, &[("time", &time)])
     });
-    let notes: Vec<String> = copied.into_iter().chain(clock).collect();
+    let until = site.key_until.as_deref();
+    let until = until.and_then(|until| until.parse::<Timestamp>().ok());
+    let ends = until.filter(|at| at.as_second() < Timestamp::now().as_second() + KEY_ENDS_SOON_S);
+    let key = ends.map(|at| {
+        let day = at.strftime("%Y-%m-%d");
+        lang.fill(FleetText::KeyEnds, &[("day", &day)])
+    });
+    let notes: Vec<String> = copied.into_iter().chain(clock).chain(key).collect();
     notes.join(lang.get(AppText::Comma))
 }

@@ -101,6 +101,7 @@ railbus_words::texts! {
         en: "another machine has its key, {ago}",
         zh: "另一台机器使用同一密钥，{ago}",
     }
+    KeyEnds { en: "its key is valid until {day}", zh: "密钥有效期至 {day}" }
     ClockOff { en: "its clock is off by {time}", zh: "时钟偏差 {time}" }
     AsOf { en: "as they were {ago}, or later", zh: "为{ago}或之后的值" }
     WereSo {
