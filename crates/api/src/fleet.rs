@@ -47,7 +47,7 @@ pub struct FleetSite {
     pub site: String,
     /// Whether it is there.
     pub presence: FleetPresence,
-    /// How long ago its last heartbeat was said, in milliseconds.
+    /// How long ago its last heartbeat came, in milliseconds.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub heard_ms: Option<u64>,
     /// Its points are as they are shown: it is there, and all has arrived that its last heartbeat
@@ -56,12 +56,14 @@ pub struct FleetSite {
     /// How long ago that was so, in milliseconds; none if it never was since the centre started.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub known_ms: Option<u64>,
-    /// How many of its changes its servers still have to get.
-    pub behind: u64,
+    /// How many of its changes its servers still had to get at its last heartbeat; none unless it is
+    /// there.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub behind: Option<u64>,
     /// How many points it has.
     pub points: usize,
     /// By how much its clock is ahead of the centre's, in milliseconds, give or take what a message
-    /// takes.
+    /// takes; none unless it is there.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub clock_ahead_ms: Option<i64>,
     /// Its version of railbus.
@@ -91,7 +93,8 @@ pub struct FleetSitePoints {
 pub struct FleetPoint {
     /// Module and label: `oven.k1`.
     pub path: String,
-    /// Its last value; null if it was never read.
+    /// Its last value; none if it is not known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub value: Option<Value>,
     /// The quality of the value. It is not good unless the site is current.
     pub quality: Quality,

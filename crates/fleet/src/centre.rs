@@ -12,6 +12,7 @@ use crate::message::{
     Beat, DataBatch, FleetRefusal, Hello, HelloAnswer, SessionLease, SiteState, Welcome,
 };
 use crate::names::is_site_name;
+use crate::uplink::is_token;
 use known::KnownSite;
 pub use known::{KnownPoint, POINTS_MAX};
 use prost::Message as _;
@@ -25,6 +26,17 @@ pub const ONLINE: Duration = Duration::from_secs(35);
 pub const TAKEN: Duration = Duration::from_secs(60);
 /// The most sites.
 pub const SITES_MAX: usize = 20_000;
+/// How long a session that is not known may be reported in before it is looked what the last one
+/// is: its document may be on its way.
+const STRAY: Duration = Duration::from_secs(30);
+/// For how long at the least the fastest heartbeat of a session is remembered, and twice as long at
+/// the most: clocks drift, and machines that sleep have another time afterwards.
+const FASTEST: Duration = Duration::from_secs(300);
+/// The longest message with entries, and the longest request for a session, in bytes.
+const BATCH_MAX: usize = 128 << 10;
+const HELLO_MAX: usize = 1_024;
+/// The length of the numbers of installations and runs, in bytes.
+const NUMBER_LEN: usize = 16;
 /// What a heartbeat vouches for may arrive so long after it.
 const LACKS: Duration = Duration::from_secs(5);
 /// The interval in which a site is asked how all its points are.
@@ -39,7 +51,8 @@ const BEFORE_MAX: usize = 8;
 pub enum CentreInput<'i> {
     /// From now on all is heard.
     Connected,
-    /// Nothing is heard any more.
+    /// Nothing is heard any more, or something was missed. Documents that come before the next
+    /// [`CentreInput::Connected`] are those that there are.
     Lost,
     /// A site asks for its session: the number of the request, its name, what it said, and the name
     /// that a new session gets, which nobody can guess.
@@ -48,9 +61,22 @@ pub enum CentreInput<'i> {
     Said(&'i str, &'i str, &'i [u8]),
     /// The document of a site's session, and its number.
     Lease(&'i str, &'i [u8], u64),
-    /// The document that was asked for under this number is stored with that one; or it is not, or
-    /// that is not known.
-    Stored(u64, Option<u64>),
+    /// What became of the document that was asked for under this number.
+    Stored(u64, LeaseEnd),
+    /// The last document of this site, and its number; none if there is none, or [`None`] if that
+    /// can't be known now.
+    Looked(&'i str, Option<Option<(&'i [u8], u64)>>),
+}
+
+/// What became of a document that was to be stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LeaseEnd {
+    /// It is stored with this number.
+    Stored(u64),
+    /// Another one was stored before it.
+    Raced,
+    /// That is not known: it may be stored later.
+    Unknown,
 }
 
 /// What is to be done.
@@ -69,6 +95,10 @@ pub enum CentreOutput {
         /// The number of the last one.
         after: u64,
     },
+    /// The request with this number gets no answer. Whoever asked asks again.
+    Ignore(u64),
+    /// The last document of this site's session is read.
+    Look(String),
     /// A site is asked at this subject, without content; its answer is of no importance.
     Ask(String),
 }
@@ -91,17 +121,18 @@ pub struct SiteView<'c> {
     pub name: &'c str,
     /// Whether it is there.
     pub presence: SitePresence,
-    /// How long ago its last heartbeat of this session was said.
+    /// How long ago its last heartbeat of this session came.
     pub heard: Option<Duration>,
     /// Its points are as they are shown: it is there, and all that its last heartbeat vouches for
-    /// has arrived.
+    /// has arrived, and was said not long ago.
     pub is_current: bool,
-    /// How long ago its points were as they are shown, at the latest.
+    /// How long ago its points were as they are shown, or later.
     pub vouched: Option<Duration>,
-    /// How many entries its servers still have to get.
-    pub behind: u64,
+    /// How many entries its servers still had to get at its last heartbeat; none unless it is
+    /// there.
+    pub behind: Option<u64>,
     /// By how many milliseconds its clock is ahead of the centre's, give or take what a message
-    /// takes.
+    /// takes; none unless it is there.
     pub clock_ahead_ms: Option<i64>,
     /// The version of railbus there.
     pub version: &'c str,
@@ -119,25 +150,41 @@ struct Holder {
     lease: SessionLease,
     /// The number of its document.
     revision: u64,
+    /// Since when this process knows.
+    since: Duration,
 }
 
 /// The last heartbeat of the present session.
 #[derive(Clone, Debug)]
 struct HeardBeat {
-    /// When it was said: one that comes late does not make the site's values younger. On the way it
-    /// was for as much longer as it came later than the fastest one of this session.
+    /// When it came.
     at: Duration,
-    /// The least difference between the centre's time and the site's, in milliseconds.
-    offset_ms: i128,
+    /// When it was said, but for the time that the fastest one took. One that was late does not
+    /// make the site's values younger: it was on its way for as much longer as it came later than
+    /// the fastest one, or for as long as what was said before it waits for an answer.
+    said: Duration,
+    fastest: Fastest,
     beat: Beat,
     clock_ahead_ms: i64,
 }
 
-/// A session that is being given: whose request it answers.
+/// The fastest heartbeats of this time and the one before: the least difference between the
+/// centre's time and the site's, in milliseconds.
+#[derive(Clone, Copy, Debug)]
+struct Fastest {
+    since: Duration,
+    now_ms: i128,
+    before_ms: i128,
+}
+
+/// A session that is being given: whose request it answers, and what that said.
 #[derive(Debug)]
 struct Grant {
     site: String,
     lease: SessionLease,
+    hello: Vec<u8>,
+    /// It was decided before by a document that was not the last one.
+    is_again: bool,
 }
 
 #[derive(Debug, Default)]
@@ -145,8 +192,14 @@ struct CentreSite {
     holder: Option<Holder>,
     beat: Option<HeardBeat>,
     known: KnownSite,
-    /// How all points are, of a session that is not known yet.
-    early: Option<SiteState>,
+    /// How all points are, of a session that is not known yet, as it was said.
+    early: Vec<u8>,
+    /// A session that is not known, and since when it is reported in.
+    stray: Option<(String, Duration)>,
+    /// The number of the last document when it was asked which one that is.
+    looks: Option<u64>,
+    /// A request that is decided again then: its number, what it said, and the name of the session.
+    again: Option<(u64, Vec<u8>, String)>,
     /// When another machine asked last.
     copy: Option<Duration>,
     /// Since when something is missing that a heartbeat vouches for.
@@ -179,20 +232,16 @@ impl Centre {
     pub fn handle(&mut self, now: Duration, input: CentreInput<'_>) {
         match input {
             CentreInput::Connected => self.listens = Some(now),
-            CentreInput::Lost => {
-                self.listens = None;
-                // Who asked asks again.
-                self.grants.clear();
-            }
+            CentreInput::Lost => self.lost(),
             CentreInput::Hello(number, site, payload, session) => {
-                self.hello(now, number, site, payload, session);
+                self.hello(now, number, (site, payload, session), false);
             }
             CentreInput::Said(site, what, payload) => self.said(now, site, what, payload),
-            CentreInput::Lease(site, payload, revision) => match SessionLease::decode(payload) {
-                Ok(lease) => self.holds(site, Holder { lease, revision }),
-                Err(_) => self.bad += 1,
-            },
-            CentreInput::Stored(number, revision) => self.stored(number, revision),
+            CentreInput::Lease(site, payload, revision) => {
+                self.document(now, site, (payload, revision), false);
+            }
+            CentreInput::Stored(number, end) => self.stored(now, number, end),
+            CentreInput::Looked(site, found) => self.looked(now, site, found),
         }
     }
 
@@ -229,23 +278,27 @@ impl Centre {
 
     fn view<'c>(&'c self, now: Duration, name: &'c str, site: &'c CentreSite) -> SiteView<'c> {
         let ago = |at: Duration| now.saturating_sub(at);
-        let heard = site.beat.as_ref().map(|beat| ago(beat.at));
-        let presence = match (self.listens, heard) {
-            (Some(_), Some(heard)) if heard <= ONLINE => SitePresence::Online,
-            (Some(since), _) if ago(since) > ONLINE => SitePresence::Offline,
-            _ => SitePresence::Unknown,
-        };
-        let lease = site.holder.as_ref().map(|holder| &holder.lease);
+        let holder = site.holder.as_ref();
         let beat = site.beat.as_ref();
-        let has_all = beat.is_some_and(|beat| site.known.has_all(&beat.beat));
+        let heard = beat.map(|beat| ago(beat.at));
+        let is_new = holder.is_some_and(|holder| ago(holder.since) <= ONLINE);
+        let presence = match (self.listens, heard) {
+            (None, _) => SitePresence::Unknown,
+            (Some(_), Some(heard)) if heard <= ONLINE => SitePresence::Online,
+            (Some(since), None) if ago(since) <= ONLINE || is_new => SitePresence::Unknown,
+            (Some(_), _) => SitePresence::Offline,
+        };
+        let present = beat.filter(|_| presence == SitePresence::Online);
+        let has_all = |beat: &HeardBeat| site.known.has_all(&beat.beat) && ago(beat.said) <= ONLINE;
+        let lease = holder.map(|holder| &holder.lease);
         SiteView {
             name,
             presence,
             heard,
-            is_current: presence == SitePresence::Online && has_all,
+            is_current: present.is_some_and(has_all),
             vouched: site.known.vouched().map(ago),
-            behind: beat.map_or(0, |b| b.beat.newest.saturating_sub(b.beat.delivered)),
-            clock_ahead_ms: beat.map(|beat| beat.clock_ahead_ms),
+            behind: present.map(|b| b.beat.newest.saturating_sub(b.beat.delivered)),
+            clock_ahead_ms: present.map(|beat| beat.clock_ahead_ms),
             version: lease.map_or("", |lease| &lease.version),
             key_expires_s: lease.and_then(|lease| lease.key_expires_s),
             copy: site.copy.map(ago),
@@ -262,22 +315,48 @@ impl Centre {
         Some(self.sites.entry(name.to_owned()).or_default())
     }
 
-    fn hello(&mut self, now: Duration, number: u64, name: &str, payload: &[u8], session: String) {
-        let Ok(hello) = Hello::decode(payload) else {
+    /// What was heard is no longer so, and any document may be the last one.
+    fn lost(&mut self) {
+        self.listens = None;
+        self.grants.clear();
+        for site in self.sites.values_mut() {
+            site.beat = None;
+            site.lacks = None;
+            site.looks = None;
+            site.again = None;
+            if let Some(holder) = &mut site.holder {
+                holder.revision = 0;
+            }
+        }
+    }
+
+    /// A site asks for its session.
+    fn hello(
+        &mut self,
+        now: Duration,
+        number: u64,
+        (name, payload, session): (&str, &[u8], String),
+        is_again: bool,
+    ) {
+        let hello = (payload.len() <= HELLO_MAX).then(|| Hello::decode(payload).ok());
+        let is_fit = |hello: &Hello| {
+            hello.installation.len() == NUMBER_LEN && hello.boot.len() == NUMBER_LEN
+        };
+        let Some(hello) = hello.flatten().filter(is_fit) else {
             self.bad += 1;
-            return;
+            return self.outputs.push_back(CentreOutput::Ignore(number));
         };
         let is_pending = self.grants.values().any(|grant| grant.site == name);
-        if is_pending || self.grants.len() >= GRANTS_MAX {
-            // It asks again.
-            return;
-        }
+        let is_full = self.grants.len() >= GRANTS_MAX;
         let (listens, clock_ms) = (self.listens, self.clock_ms);
-        let Some(site) = self.entry(name) else {
-            return;
+        let site = self.entry(name);
+        let site = site.filter(|site| !is_pending && !is_full && site.again.is_none());
+        let Some(site) = site else {
+            return self.outputs.push_back(CentreOutput::Ignore(number));
         };
-        let heard = site.beat.as_ref().map(|beat| beat.at);
+        let beat = site.beat.as_ref().map(|beat| beat.at);
         let holder = site.holder.as_ref();
+        let heard = holder.map(|holder| holder.since).max(beat);
         let admission = admit(now, &hello, holder.map(|h| &h.lease), heard, listens);
         let after = holder.map_or(0, |holder| holder.revision);
         let before = match admission {
@@ -291,6 +370,7 @@ impl Centre {
                     "whether another machine reports as this site is not known yet",
                 );
             }
+            Admission::Older => return self.outputs.push_back(CentreOutput::Ignore(number)),
             Admission::Admitted(before) => before,
         };
         let lease = SessionLease {
@@ -301,6 +381,7 @@ impl Centre {
             version: hello.version,
             granted_ms: clock_ms,
             key_expires_s: hello.key_expires_s,
+            time_ms: hello.time_ms,
         };
         self.outputs.push_back(CentreOutput::Store {
             number,
@@ -308,8 +389,13 @@ impl Centre {
             payload: lease.encode_to_vec(),
             after,
         });
-        let site = name.to_owned();
-        self.grants.insert(number, Grant { site, lease });
+        let grant = Grant {
+            site: name.to_owned(),
+            lease,
+            hello: payload.to_vec(),
+            is_again,
+        };
+        self.grants.insert(number, grant);
     }
 
     fn refuses(&mut self, number: u64, reason: &str) {
@@ -326,82 +412,176 @@ impl Centre {
         self.outputs.push_back(reply);
     }
 
-    fn stored(&mut self, number: u64, revision: Option<u64>) {
-        let (Some(Grant { site, lease }), Some(revision)) = (self.grants.remove(&number), revision)
-        else {
-            // It asks again. If the document is stored after all, it comes as one.
+    fn stored(&mut self, now: Duration, number: u64, end: LeaseEnd) {
+        let Some(grant) = self.grants.remove(&number) else {
             return;
         };
-        let session = lease.session.clone();
-        self.holds(&site, Holder { lease, revision });
-        let is_present = self.sites.get(&site).is_some_and(|its| its.is_in(&session));
-        // Another one may have been given meanwhile.
-        if is_present {
-            self.replies(number, HelloAnswer::Session(session));
+        let (name, session) = (grant.site, grant.lease.session.clone());
+        match end {
+            LeaseEnd::Stored(revision) => {
+                let lease = grant.lease;
+                self.holds(now, &name, (lease, revision), false);
+                let site = self.sites.get(&name);
+                // Another one may have been given meanwhile.
+                if site.is_some_and(|site| site.is_in(&session)) {
+                    return self.replies(number, HelloAnswer::Session(session));
+                }
+            }
+            // There is a document that this process has not heard of.
+            LeaseEnd::Raced if !grant.is_again => {
+                if let Some(site) = self.sites.get_mut(&name) {
+                    site.again = Some((number, grant.hello, session));
+                    return self.look(&name);
+                }
+            }
+            LeaseEnd::Raced | LeaseEnd::Unknown => {}
+        }
+        // It asks again. If the document is stored after all, it comes as one.
+        self.outputs.push_back(CentreOutput::Ignore(number));
+    }
+
+    fn look(&mut self, name: &str) {
+        if let Some(site) = self.sites.get_mut(name).filter(|site| site.looks.is_none()) {
+            site.looks = Some(site.holder.as_ref().map_or(0, |holder| holder.revision));
+            self.outputs.push_back(CentreOutput::Look(name.to_owned()));
+        }
+    }
+
+    /// Which document is the last one.
+    fn looked(&mut self, now: Duration, name: &str, found: Option<Option<(&[u8], u64)>>) {
+        let Some(site) = self.sites.get_mut(name) else {
+            return;
+        };
+        let Some(looks) = site.looks.take() else {
+            return;
+        };
+        let revision = site.holder.as_ref().map_or(0, |holder| holder.revision);
+        let (again, stray) = (site.again.take(), site.stray.take());
+        // One that came meanwhile may be a later one.
+        if let (Some(found), true) = (found, revision == looks) {
+            match found {
+                Some(document) => self.document(now, name, document, true),
+                None => {
+                    if let Some(holder) = &mut site.holder {
+                        holder.revision = 0;
+                    }
+                }
+            }
+            let site = self.sites.get(name);
+            let stray = stray.filter(|(stray, _)| site.is_some_and(|site| !site.is_in(stray)));
+            if let Some((stray, _)) = stray {
+                self.ends(name, &stray);
+            }
+        }
+        if let Some((number, payload, session)) = again {
+            self.hello(now, number, (name, &payload, session), true);
+        }
+    }
+
+    /// A document that is there; the last one, if that is certain.
+    fn document(
+        &mut self,
+        now: Duration,
+        name: &str,
+        (payload, revision): (&[u8], u64),
+        is_last: bool,
+    ) {
+        match SessionLease::decode(payload) {
+            Ok(lease) => self.holds(now, name, (lease, revision), is_last),
+            Err(_) => self.bad += 1,
         }
     }
 
     /// A machine has the session of a site from now on, unless another got it later.
-    fn holds(&mut self, name: &str, holder: Holder) {
+    fn holds(
+        &mut self,
+        now: Duration,
+        name: &str,
+        (lease, revision): (SessionLease, u64),
+        is_last: bool,
+    ) {
         let Some(site) = self.entry(name) else {
             return;
         };
-        let is_older = |had: &Holder| had.revision >= holder.revision;
-        if site.holder.as_ref().is_some_and(is_older) {
-            return;
+        if let Some(had) = &mut site.holder {
+            if had.revision >= revision && !is_last {
+                return;
+            }
+            if had.lease.session == lease.session {
+                had.revision = revision;
+                return;
+            }
         }
-        let (session, boot) = (holder.lease.session.clone(), holder.lease.boot.clone());
-        let had = site.holder.replace(holder);
+        let (session, boot) = (lease.session.clone(), lease.boot.clone());
+        let since = now;
+        let had = site.holder.replace(Holder {
+            lease,
+            revision,
+            since,
+        });
         site.beat = None;
         site.lacks = None;
+        site.stray = None;
         site.known.begin();
-        if let Some(early) = site.early.take().filter(|early| early.session == session) {
+        let early = SiteState::decode(&*std::mem::take(&mut site.early));
+        if let Some(early) = early.ok().filter(|early| early.session == session) {
             site.known.state(early);
         }
         // Who reports there may not know of it: a copy that was here first.
         if let Some(had) = had.filter(|had| had.lease.boot != boot) {
-            let subject = format!("rb.down.{name}.{}.end", had.lease.session);
-            self.outputs.push_back(CentreOutput::Ask(subject));
+            self.ends(name, &had.lease.session);
         }
     }
 
+    /// Whoever reports in this session is told that it has ended.
+    fn ends(&mut self, name: &str, session: &str) {
+        let subject = format!("rb.down.{name}.{session}.end");
+        self.outputs.push_back(CentreOutput::Ask(subject));
+    }
+
     fn said(&mut self, now: Duration, name: &str, what: &str, payload: &[u8]) {
-        let clock_ms = self.clock_ms;
         let is_understood = match what {
-            "beat" => Beat::decode(payload).map(|beat| self.beat(now, name, beat, clock_ms)),
+            "beat" => Beat::decode(payload).map(|beat| self.beat(now, name, beat)),
+            "data" if payload.len() > BATCH_MAX => {
+                self.bad += 1;
+                return;
+            }
             "data" => DataBatch::decode(payload).map(|batch| self.batch(name, batch)),
-            "state" => SiteState::decode(payload).map(|state| self.state(name, state)),
+            "state" => SiteState::decode(payload).map(|state| self.state(name, state, payload)),
             // Requests come with their numbers; what a newer site says is not for this centre.
             _ => return,
         };
         self.bad += u64::from(is_understood.is_err());
     }
 
-    fn beat(&mut self, now: Duration, name: &str, beat: Beat, clock_ms: i64) {
+    fn beat(&mut self, now: Duration, name: &str, beat: Beat) {
+        let clock_ms = self.clock_ms;
         let Some(site) = self.sites.get_mut(name) else {
             return;
         };
         if site.was_in(&beat.session) {
             // It has not heard that its session has ended.
-            let subject = format!("rb.down.{name}.{}.end", beat.session);
-            self.outputs.push_back(CentreOutput::Ask(subject));
+            return self.ends(name, &beat.session);
         }
+        if !site.is_in(&beat.session) {
+            return self.strays(now, name, beat.session);
+        }
+        site.stray = None;
         let last = site.beat.as_ref();
         // Of two that were said in one session the later one counts.
-        if !site.is_in(&beat.session) || last.is_some_and(|l| l.beat.time_ms > beat.time_ms) {
+        if last.is_some_and(|last| last.beat.time_ms > beat.time_ms) {
             return;
         }
-        let millis = |time: Duration| i128::try_from(time.as_millis()).unwrap_or(i128::MAX);
-        let offset_ms = millis(now) - i128::from(beat.time_ms);
-        let offset_ms = last.map_or(offset_ms, |last| last.offset_ms.min(offset_ms));
-        let said_ms = u64::try_from(offset_ms + i128::from(beat.time_ms)).unwrap_or_default();
-        let at = Duration::from_millis(said_ms);
-        let has_all = site.known.beat(at, &beat);
+        let fastest = Fastest::with(last.map(|last| last.fastest), now, &beat);
+        let waited = now.saturating_sub(Duration::from_millis(beat.waits_ms));
+        let said = fastest.said(&beat).min(waited);
+        let has_all = site.known.beat(said, &beat);
         let clock_ahead_ms = beat.clock_ms.saturating_sub(clock_ms);
         let session = beat.session.clone();
         site.beat = Some(HeardBeat {
-            at,
-            offset_ms,
+            at: now,
+            said,
+            fastest,
             beat,
             clock_ahead_ms,
         });
@@ -418,6 +598,22 @@ impl Centre {
         }
     }
 
+    /// A site reports in a session that is not known: by a document that is on its way, or that was
+    /// lost, or it has not heard which session it got.
+    fn strays(&mut self, now: Duration, name: &str, session: String) {
+        let Some(site) = self.sites.get_mut(name).filter(|_| is_token(&session)) else {
+            return;
+        };
+        match &site.stray {
+            Some((stray, since)) if *stray == session => {
+                if now.saturating_sub(*since) >= STRAY {
+                    self.look(name);
+                }
+            }
+            _ => site.stray = Some((session, now)),
+        }
+    }
+
     fn batch(&mut self, name: &str, batch: DataBatch) {
         if let Some(site) = self.sites.get_mut(name)
             && site.is_in(&batch.session)
@@ -426,15 +622,45 @@ impl Centre {
         }
     }
 
-    fn state(&mut self, name: &str, state: SiteState) {
+    fn state(&mut self, name: &str, state: SiteState, payload: &[u8]) {
         let Some(site) = self.entry(name) else {
             return;
         };
         match site.is_in(&state.session) {
             true => site.known.state(state),
             // Its document may be on its way from another centre.
-            false => site.early = Some(state),
+            false => site.early = payload.to_vec(),
         }
+    }
+}
+
+impl Fastest {
+    /// With one more heartbeat.
+    fn with(last: Option<Fastest>, now: Duration, beat: &Beat) -> Fastest {
+        let millis = i128::try_from(now.as_millis()).unwrap_or(i128::MAX);
+        let its = millis - i128::from(beat.time_ms);
+        let Some(last) = last else {
+            return Fastest {
+                since: now,
+                now_ms: its,
+                before_ms: its,
+            };
+        };
+        if now.saturating_sub(last.since) < FASTEST {
+            let now_ms = last.now_ms.min(its);
+            return Fastest { now_ms, ..last };
+        }
+        Fastest {
+            since: now,
+            now_ms: its,
+            before_ms: last.now_ms,
+        }
+    }
+
+    /// When a heartbeat was said, by this centre's time.
+    fn said(&self, beat: &Beat) -> Duration {
+        let millis = self.now_ms.min(self.before_ms) + i128::from(beat.time_ms);
+        Duration::from_millis(u64::try_from(millis).unwrap_or_default())
     }
 }
 

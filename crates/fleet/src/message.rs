@@ -26,6 +26,9 @@ pub struct Hello {
     /// Until when its key is valid, in seconds since 1970; none where it does not expire.
     #[prost(int64, optional, tag = "7")]
     pub key_expires_s: Option<i64>,
+    /// Its own time since it started, in milliseconds.
+    #[prost(uint64, tag = "8")]
+    pub time_ms: u64,
 }
 
 /// The answer to [`Hello`].
@@ -82,6 +85,9 @@ pub struct Beat {
     /// As in [`Hello`].
     #[prost(int64, tag = "7")]
     pub clock_ms: i64,
+    /// How long the oldest message has been on its way that is not acknowledged, in milliseconds.
+    #[prost(uint64, tag = "8")]
+    pub waits_ms: u64,
 }
 
 /// Entries with consecutive numbers, the oldest first.
@@ -265,6 +271,9 @@ pub struct SessionLease {
     /// As in [`Hello`].
     #[prost(int64, optional, tag = "7")]
     pub key_expires_s: Option<i64>,
+    /// When the site asked for it, by its own time.
+    #[prost(uint64, tag = "8")]
+    pub time_ms: u64,
 }
 
 /// A run of a program that was the site before.

@@ -154,6 +154,8 @@ pub struct Uplink {
     states_asked: VecDeque<u64>,
     /// How many bytes the last one has, until it is answered.
     state_len: usize,
+    /// When it was sent.
+    state_sent: Duration,
     /// It was too long: the centre does not know how everything is.
     is_state_missing: bool,
     transfer: Transfer,
@@ -178,6 +180,7 @@ impl Uplink {
             is_finding_state: false,
             states_asked: VecDeque::new(),
             state_len: 0,
+            state_sent: Duration::ZERO,
             is_state_missing: false,
             transfer: Transfer::default(),
             is_stuck: false,
@@ -241,9 +244,11 @@ impl Uplink {
         self.transfer.resend(epoch, span)
     }
 
-    /// How every point is is wanted now.
+    /// How every point is is wanted now. One that is on its way is not sent once more.
     pub const fn tell_state(&mut self) {
-        self.state_at = None;
+        if self.state_len == 0 {
+            self.state_at = None;
+        }
     }
 
     /// What is to be done at this time since the start, and at this one of the wall clock, in
@@ -331,6 +336,7 @@ impl Uplink {
             version: self.own.version.clone(),
             clock_ms: self.clock_ms,
             key_expires_s: self.own.key_expires_s,
+            time_ms: millis(now),
         };
         let number = self.next_number();
         self.session = Session::Asked(number, now + ANSWER_MAX);
@@ -387,14 +393,17 @@ impl Uplink {
         let Session::Has(session) = &self.session else {
             return;
         };
+        let state = (self.state_len > 0).then_some(self.state_sent);
+        let waits = [state, self.transfer.oldest()].into_iter().flatten().min();
         let beat = Beat {
             boot: self.own.boot.to_vec(),
             session: session.clone(),
-            time_ms: u64::try_from(now.as_millis()).unwrap_or(u64::MAX),
+            time_ms: millis(now),
             epoch: self.transfer.head().epoch.to_string(),
             newest: self.transfer.head().newest,
             delivered: self.transfer.delivered(),
             clock_ms: self.clock_ms,
+            waits_ms: waits.map_or(0, |since| millis(now.saturating_sub(since))),
         };
         self.publish("beat", None, beat.encode_to_vec(), None);
     }
@@ -452,6 +461,7 @@ impl Uplink {
             self.states_asked.pop_front();
         }
         self.state_len = payload.len();
+        self.state_sent = now;
         // On a slow line it takes longer.
         let patience = self.transfer.patience(self.state_len);
         self.state_at = Some(now + patience.max(STATE_AGAIN));
@@ -537,6 +547,10 @@ impl Uplink {
     }
 }
 
+fn millis(time: Duration) -> u64 {
+    u64::try_from(time.as_millis()).unwrap_or(u64::MAX)
+}
+
 /// Whether this stream has taken a message, as its answer says.
 fn is_stored(answer: Option<&[u8]>, stream: &str) -> Result<(), String> {
     let answer = answer.ok_or("no stream takes it")?;
@@ -553,7 +567,7 @@ fn is_stored(answer: Option<&[u8]>, stream: &str) -> Result<(), String> {
 }
 
 /// Whether it can stand in a subject.
-fn is_token(session: &str) -> bool {
+pub(crate) fn is_token(session: &str) -> bool {
     let is_allowed = |letter: u8| letter.is_ascii_alphanumeric() || letter == b'-';
     (1..=64).contains(&session.len()) && session.bytes().all(is_allowed)
 }

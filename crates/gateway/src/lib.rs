@@ -17,7 +17,8 @@
 //!   a line in `northbound.rs`; its settings are declared and read in its folder, too, and so is
 //!   how often it tries again. An example is the kind of the tests, in the same folder.
 //!   What outlets offer by the configuration alone, for `railbus export`: [`offered`].
-//! - The centre of a fleet, which is another program in effect: [`hub`].
+//! - The centre of many sites, which is another program in effect: [`hub`]; what it has in common
+//!   with a site that reports to it: `nats`.
 //! - Requests repeated under an `Idempotency-Key`: the header is read in `order`, its answer is
 //!   in `keys`; what is kept of them is the site's. Long operations: `ops`. Exclusive access to
 //!   a line over HTTP, which ends with its connection: `loan`, who may have it is in its row;
@@ -55,6 +56,8 @@ mod loan;
 mod localize;
 mod metrics;
 mod models;
+#[cfg(feature = "fleet")]
+mod nats;
 mod northbound;
 mod notify;
 mod openapi;

@@ -37,8 +37,6 @@ mod tests;
 mod textline;
 mod webhook;
 
-#[cfg(feature = "fleet")]
-pub(super) use fleet::unreached;
 pub(super) use run::{Northbound, OutletFigures};
 
 pub(super) use kind::DemoOutlet;

@@ -1,11 +1,13 @@
 //! What is known of the points of a site.
 
-use crate::message::{Beat, DataBatch, DataEntry, DataKind, SiteState, UplinkReading};
+use crate::message::{Beat, DataBatch, DataEntry, DataKind, SiteState, UplinkReading, UplinkValue};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
 /// The most points of a site.
 pub const POINTS_MAX: usize = 20_000;
+/// The longest path, and the longest value and reason, in bytes.
+const TEXT_MAX: usize = 256;
 /// The most spans of numbers that came before what is in front of them.
 const SPANS_MAX: usize = 64;
 
@@ -34,7 +36,7 @@ pub(super) struct KnownSite {
     points: BTreeMap<String, KnownPoint>,
     /// Which heartbeat of this session is waited for: its time, and its newest number.
     waits: Option<(Duration, String, u64)>,
-    /// When the last heartbeat came of which all is there.
+    /// When the last heartbeat was said of which all is there.
     vouched: Option<Duration>,
 }
 
@@ -58,7 +60,7 @@ impl KnownSite {
         &self.points
     }
 
-    /// When the last heartbeat came for which all is there.
+    /// When the last heartbeat was said for which all is there.
     pub(super) const fn vouched(&self) -> Option<Duration> {
         self.vouched
     }
@@ -68,9 +70,10 @@ impl KnownSite {
         self.epoch == beat.epoch && self.whole.is_some_and(|whole| whole >= beat.newest)
     }
 
-    /// A heartbeat came. Returns whether all is there that it vouches for.
-    pub(super) fn beat(&mut self, now: Duration, beat: &Beat) -> bool {
-        self.waits = Some((now, beat.epoch.clone(), beat.newest));
+    /// A heartbeat came that was said at this time. Returns whether all is there that it vouches
+    /// for.
+    pub(super) fn beat(&mut self, said: Duration, beat: &Beat) -> bool {
+        self.waits = Some((said, beat.epoch.clone(), beat.newest));
         self.completes();
         self.has_all(beat)
     }
@@ -87,7 +90,7 @@ impl KnownSite {
 
     /// How every point is after an entry.
     pub(super) fn state(&mut self, state: SiteState) {
-        if state.points.len() > POINTS_MAX {
+        if state.points.len() > POINTS_MAX || !state.points.iter().all(is_fit) {
             return;
         }
         if state.epoch != self.epoch {
@@ -152,6 +155,9 @@ impl KnownSite {
 
     /// Returns whether there is a place for it.
     fn tell(&mut self, seq: u64, entry: DataEntry) -> bool {
+        if !is_fit(&entry) {
+            return false;
+        }
         // Others say nothing of a point.
         let Some(DataKind::Reading(reading)) = entry.what else {
             return true;
@@ -179,4 +185,17 @@ impl KnownSite {
         }
         has_place
     }
+}
+
+/// Whether it is as short as what modules say.
+fn is_fit(entry: &DataEntry) -> bool {
+    let Some(DataKind::Reading(reading)) = &entry.what else {
+        return true;
+    };
+    let value = match &reading.value {
+        Some(UplinkValue::Text(text)) => text.len(),
+        _ => 0,
+    };
+    let longest = value.max(reading.path.len()).max(reading.reason.len());
+    longest <= TEXT_MAX
 }

@@ -13,10 +13,12 @@ pub(super) enum Admission {
     Taken,
     /// Another machine had it, and it is not known whether that is still there.
     NotKnown,
+    /// The same run has asked later than this.
+    Older,
 }
 
 /// Whether a machine that asks gets the session of its site. `lease` is the last one, `heard` when
-/// its machine was heard last, `listens` since when all is heard.
+/// its machine was heard last or got it, `listens` since when all is heard.
 ///
 /// A run of the program that asks again has lost its connection. Another run of the same
 /// installation is a restart, unless it ran before the present one: no run comes back after a
@@ -32,7 +34,10 @@ pub(super) fn admit(
         return Admission::Admitted(Vec::new());
     };
     if lease.boot == hello.boot {
-        return Admission::Admitted(lease.before.clone());
+        return match hello.time_ms < lease.time_ms {
+            true => Admission::Older,
+            false => Admission::Admitted(lease.before.clone()),
+        };
     }
     let is_before = lease.before.iter().any(|run| run.boot == hello.boot);
     let is_restart = lease.installation == hello.installation && !is_before;

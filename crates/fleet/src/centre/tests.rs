@@ -14,8 +14,9 @@ struct Hub {
     centre: Centre,
     now: Duration,
     number: u64,
-    /// The number of the last document.
+    /// The number of the last document, and what it says.
     revision: u64,
+    document: Vec<u8>,
 }
 
 impl Hub {
@@ -26,6 +27,7 @@ impl Hub {
             now: Duration::from_secs(100),
             number: 0,
             revision: 0,
+            document: Vec::new(),
         };
         hub.handle(CentreInput::Connected);
         hub.now += TAKEN;
@@ -40,9 +42,18 @@ impl Hub {
         std::iter::from_fn(|| self.centre.poll()).collect()
     }
 
+    /// It hears again, and has read the documents.
+    fn connected(&mut self) {
+        let document = self.document.clone();
+        self.handle(CentreInput::Lease("p1", &document, self.revision));
+        self.handle(CentreInput::Connected);
+    }
+
     fn hello(&mut self, run: Run) -> Vec<CentreOutput> {
         self.number += 1;
-        let payload = hello(run).encode_to_vec();
+        let mut hello = hello(run);
+        hello.time_ms = u64::try_from(self.now.as_millis()).unwrap();
+        let payload = hello.encode_to_vec();
         let session = format!("s{}", self.number);
         self.handle(CentreInput::Hello(self.number, "p1", &payload, session));
         self.outputs()
@@ -54,12 +65,22 @@ impl Hub {
         if let [CentreOutput::Reply(_, answer)] = &asked[..] {
             return Err(refusal(answer));
         }
-        let [CentreOutput::Store { number, after, .. }] = asked[..] else {
+        let [
+            CentreOutput::Store {
+                number,
+                after,
+                payload,
+                ..
+            },
+        ] = &asked[..]
+        else {
             panic!("{asked:?}");
         };
-        assert_eq!(after, self.revision);
+        assert_eq!(*after, self.revision);
         self.revision += 1;
-        self.handle(CentreInput::Stored(number, Some(self.revision)));
+        self.document.clone_from(payload);
+        let end = LeaseEnd::Stored(self.revision);
+        self.handle(CentreInput::Stored(*number, end));
         let mut outputs = self.outputs();
         let Some(CentreOutput::Reply(_, answer)) = outputs.pop() else {
             panic!("{outputs:?}");
@@ -111,6 +132,7 @@ fn hello((installation, boot): Run) -> Hello {
         version: "1.2.3".to_owned(),
         clock_ms: 0,
         key_expires_s: Some(1_800_000_000),
+        time_ms: 0,
     }
 }
 
@@ -224,7 +246,7 @@ fn who_has_just_begun_to_listen_does_not_know_who_is_there() {
     assert_eq!(hub.view().presence, SitePresence::Unknown);
     hub.now += TAKEN;
     assert_eq!(hub.begins(OTHER), Err(unknown.clone()));
-    hub.handle(CentreInput::Connected);
+    hub.connected();
     assert_eq!(hub.begins(OTHER), Err(unknown));
     assert_eq!(hub.view().presence, SitePresence::Unknown);
     assert_eq!(hub.view().copy, None);
@@ -247,7 +269,7 @@ fn of_two_centres_that_give_a_session_one_succeeds() {
         panic!("{asked:?}");
     };
     // Whoever asks meanwhile waits.
-    assert_eq!(hub.hello(OTHER), []);
+    assert_eq!(hub.hello(OTHER), [CentreOutput::Ignore(2)]);
     // The other centre was first.
     let other = SessionLease {
         session: "other".to_owned(),
@@ -256,8 +278,8 @@ fn of_two_centres_that_give_a_session_one_succeeds() {
     };
     let other = other.encode_to_vec();
     hub.handle(CentreInput::Lease("p1", &other, 1));
-    hub.handle(CentreInput::Stored(*number, None));
-    assert_eq!(hub.outputs(), []);
+    hub.handle(CentreInput::Stored(*number, LeaseEnd::Unknown));
+    assert_eq!(hub.outputs(), [CentreOutput::Ignore(*number)]);
     hub.beats("other", 0);
     assert_eq!(hub.view().presence, SitePresence::Online);
     // An older document says nothing.
@@ -267,6 +289,9 @@ fn of_two_centres_that_give_a_session_one_succeeds() {
     hub.now += ONLINE + Duration::from_millis(1);
     hub.beats("s1", 0);
     assert_eq!(hub.view().presence, SitePresence::Offline);
+    assert_eq!(hub.outputs(), [CentreOutput::Look("p1".to_owned())]);
+    hub.handle(CentreInput::Looked("p1", None));
+    assert_eq!(hub.outputs(), []);
     // A session that another one followed before it was told is not told.
     let asked = hub.hello((1, 9));
     assert!(
@@ -275,8 +300,135 @@ fn of_two_centres_that_give_a_session_one_succeeds() {
     );
     hub.handle(CentreInput::Lease("p1", payload, 3));
     hub.outputs();
-    hub.handle(CentreInput::Stored(hub.number, Some(2)));
-    assert_eq!(hub.outputs(), []);
+    hub.handle(CentreInput::Stored(hub.number, LeaseEnd::Stored(2)));
+    assert_eq!(hub.outputs(), [CentreOutput::Ignore(hub.number)]);
+}
+
+#[test]
+fn who_was_second_reads_what_the_first_has_stored_and_decides_again() {
+    for is_taken in [false, true] {
+        let mut hub = Hub::new();
+        let asked = hub.hello(FIRST);
+        let CentreOutput::Store {
+            number, payload, ..
+        } = &asked[0]
+        else {
+            panic!("{asked:?}");
+        };
+        hub.handle(CentreInput::Stored(*number, LeaseEnd::Raced));
+        assert_eq!(hub.outputs(), [CentreOutput::Look("p1".to_owned())]);
+        assert_eq!(hub.hello(FIRST), [CentreOutput::Ignore(2)]);
+        let mut other = SessionLease::decode(&**payload).unwrap();
+        other.session = "other".to_owned();
+        other.installation[0] += u8::from(is_taken);
+        other.boot[0] += 1;
+        let other = other.encode_to_vec();
+        hub.handle(CentreInput::Looked("p1", Some(Some((&other, 7)))));
+        let again = hub.outputs();
+        match &again[..] {
+            [CentreOutput::Reply(1, answer)] if is_taken => {
+                assert_eq!(refusal(answer), "another machine reports as this site");
+                continue;
+            }
+            [
+                CentreOutput::Store {
+                    number: 1,
+                    after: 7,
+                    ..
+                },
+            ] if !is_taken => {}
+            _ => panic!("{again:?}"),
+        }
+        // Once.
+        hub.handle(CentreInput::Stored(1, LeaseEnd::Raced));
+        assert_eq!(hub.outputs(), [CentreOutput::Ignore(1)]);
+    }
+}
+
+#[test]
+fn a_machine_is_not_silent_before_it_could_say_anything() {
+    let mut hub = Hub::new();
+    let (first, _) = hub.begins(FIRST).unwrap();
+    let taken = "another machine reports as this site".to_owned();
+    assert_eq!(hub.begins(OTHER), Err(taken.clone()));
+    assert_eq!(hub.view().presence, SitePresence::Unknown);
+    hub.beats(&first, 0);
+    assert_eq!(hub.view().presence, SitePresence::Online);
+    hub.now += ONLINE;
+    hub.begins(FIRST).unwrap();
+    assert_eq!(hub.begins(OTHER), Err(taken));
+    assert_eq!(hub.view().presence, SitePresence::Unknown);
+    hub.now += ONLINE + Duration::from_millis(1);
+    assert_eq!(hub.view().presence, SitePresence::Offline);
+    hub.now += TAKEN - ONLINE;
+    assert!(hub.begins(OTHER).is_ok());
+}
+
+#[test]
+fn a_request_that_comes_after_a_later_one_of_the_same_run_is_none() {
+    let mut hub = Hub::new();
+    hub.begins(FIRST).unwrap();
+    hub.now -= Duration::from_secs(1);
+    assert_eq!(hub.hello(FIRST), [CentreOutput::Ignore(2)]);
+    hub.now += Duration::from_secs(1);
+    assert!(hub.begins(FIRST).is_ok());
+}
+
+#[test]
+fn whoever_reports_in_a_session_that_is_not_known_is_told_if_it_is_not_the_last_one() {
+    for is_last in [false, true] {
+        let mut hub = Hub::new();
+        hub.begins(FIRST).unwrap();
+        let far = SessionLease {
+            session: "far".to_owned(),
+            ..SessionLease::decode(&*hub.document).unwrap()
+        };
+        let far = far.encode_to_vec();
+        let mut looks = Vec::new();
+        for _ in 0..5 {
+            hub.beats("far", 0);
+            looks.extend(hub.outputs());
+            hub.now += Duration::from_secs(10);
+        }
+        assert_eq!(looks, [CentreOutput::Look("p1".to_owned())]);
+        // Numbers of a stream that was made anew are lower.
+        let found = match is_last {
+            true => (&far, 1),
+            false => (&hub.document.clone(), 1),
+        };
+        hub.handle(CentreInput::Looked("p1", Some(Some((found.0, found.1)))));
+        let told = CentreOutput::Ask("rb.down.p1.far.end".to_owned());
+        match is_last {
+            true => assert_eq!(hub.outputs(), []),
+            false => assert_eq!(hub.outputs(), [told]),
+        }
+        hub.beats("far", 0);
+        let presence = hub.view().presence;
+        assert_eq!(presence == SitePresence::Online, is_last, "{presence:?}");
+        // What is no name of a session goes into no subject.
+        for _ in 0..9 {
+            hub.now += Duration::from_secs(10);
+            hub.beats("far.>", 0);
+            assert_eq!(hub.outputs(), []);
+        }
+    }
+}
+
+#[test]
+fn after_a_connection_was_lost_the_documents_that_are_there_count() {
+    let mut hub = Hub::new();
+    let (session, _) = hub.begins(FIRST).unwrap();
+    hub.revision = 9;
+    hub.beats(&session, 0);
+    hub.handle(CentreInput::Lost);
+    assert_eq!(hub.view().presence, SitePresence::Unknown);
+    hub.revision = 3;
+    hub.connected();
+    assert_eq!(hub.view().heard, None);
+    hub.beats(&session, 0);
+    assert_eq!(hub.view().presence, SitePresence::Online);
+    assert!(hub.begins(FIRST).is_ok());
+    assert_eq!(hub.revision, 4);
 }
 
 #[test]
@@ -414,15 +566,21 @@ fn a_heartbeat_that_was_late_is_as_old_as_it_is() {
     let said = beat(&session, hub.now + Duration::from_secs(10), 0);
     hub.now += Duration::from_secs(40);
     hub.says("beat", &said);
-    let view = hub.view();
     let half_a_minute = Some(Duration::from_secs(30));
-    assert_eq!((view.heard, view.vouched), (half_a_minute, half_a_minute));
+    let view = hub.view();
+    assert_eq!(
+        (view.heard, view.vouched),
+        (Some(Duration::ZERO), half_a_minute)
+    );
+    assert!(view.is_current);
     hub.now += Duration::from_secs(6);
-    assert_eq!(hub.view().presence, SitePresence::Offline);
+    let view = hub.view();
+    let is_there = view.presence == SitePresence::Online;
+    assert_eq!((is_there, view.is_current), (true, false));
     // One of before says nothing.
     let before = beat(&session, hub.now - Duration::from_secs(37), 0);
     hub.says("beat", &before);
-    assert_eq!(hub.view().heard, Some(Duration::from_secs(36)));
+    assert_eq!(hub.view().heard, Some(Duration::from_secs(6)));
     // A clock that is wrong makes nothing younger than it is.
     let ahead = Beat {
         time_ms: u64::MAX,
@@ -434,17 +592,76 @@ fn a_heartbeat_that_was_late_is_as_old_as_it_is() {
 }
 
 #[test]
+fn a_heartbeat_behind_messages_that_wait_is_as_late_as_they_are() {
+    let mut hub = Hub::new();
+    let (session, _) = hub.begins(FIRST).unwrap();
+    hub.says("state", &state(&session, 0, &[]));
+    for (waits, is_current) in [(20, true), (40, false)] {
+        let late = Beat {
+            waits_ms: waits * 1_000,
+            ..beat(&session, hub.now, 0)
+        };
+        hub.says("beat", &late);
+        let view = hub.view();
+        assert_eq!(view.vouched, Some(Duration::from_secs(waits)));
+        assert_eq!(view.is_current, is_current);
+        assert_eq!(view.presence, SitePresence::Online);
+    }
+}
+
+#[test]
+fn a_machine_that_slept_is_there_and_is_current_again_after_a_while() {
+    let mut hub = Hub::new();
+    let (session, _) = hub.begins(FIRST).unwrap();
+    hub.says("state", &state(&session, 0, &[]));
+    let slept = Duration::from_secs(70);
+    let mut current = Vec::new();
+    for nth in 0..100 {
+        let its = hub.now - if nth > 9 { slept } else { Duration::ZERO };
+        hub.says("beat", &beat(&session, its, 0));
+        assert_eq!(hub.view().presence, SitePresence::Online);
+        current.push(hub.view().is_current);
+        assert!(hub.begins(OTHER).is_err());
+        hub.now += if nth == 9 {
+            slept
+        } else {
+            Duration::from_secs(10)
+        };
+    }
+    let later = current.iter().rposition(|is_current| !is_current).unwrap();
+    assert!((10..10 + 2 * 30).contains(&later), "{later}");
+    assert!(current[..10].iter().all(|is_current| *is_current));
+}
+
+#[test]
 fn what_is_no_message_is_counted_and_changes_nothing() {
     let mut hub = Hub::new();
-    hub.handle(CentreInput::Hello(1, "p1", b"\xFF", "s".to_owned()));
+    let short = Hello {
+        boot: vec![1; 15],
+        ..hello(FIRST)
+    };
+    let long = Hello {
+        version: "1".repeat(HELLO_MAX),
+        ..hello(FIRST)
+    };
+    for payload in [
+        b"\xFF".to_vec(),
+        short.encode_to_vec(),
+        long.encode_to_vec(),
+    ] {
+        hub.handle(CentreInput::Hello(1, "p1", &payload, "s".to_owned()));
+        assert_eq!(hub.outputs(), [CentreOutput::Ignore(1)]);
+    }
+    let much = vec![0; BATCH_MAX + 1];
+    hub.handle(CentreInput::Said("p1", "data", &much));
     for what in ["beat", "data", "state"] {
         hub.handle(CentreInput::Said("p1", what, b"\xFF"));
     }
     hub.handle(CentreInput::Lease("p1", b"\xFF", 1));
-    assert_eq!(hub.centre.bad(), 5);
+    assert_eq!(hub.centre.bad(), 8);
     hub.handle(CentreInput::Said("p1", "other", b"\xFF"));
     hub.handle(CentreInput::Lease("No Name", b"", 1));
-    assert_eq!(hub.centre.bad(), 5);
+    assert_eq!(hub.centre.bad(), 8);
     assert_eq!(hub.outputs(), []);
     assert_eq!(hub.centre.sites(hub.now).count(), 0);
 }
@@ -456,12 +673,17 @@ fn a_site_that_says_too_much_is_not_known() {
     hub.says("state", &state(&session, 0, &[]));
     let paths: Vec<String> = (0..=POINTS_MAX).map(|n| n.to_string()).collect();
     let points: Vec<_> = paths.iter().map(|path| (path.as_str(), 1)).collect();
-    hub.says("data", &batch(&session, 1, &points));
+    for (seq, some) in (1..).step_by(1_000).zip(points.chunks(1_000)) {
+        hub.says("data", &batch(&session, seq, some));
+    }
     let count = u64::try_from(points.len()).unwrap();
     hub.beats(&session, count);
     let (is_current, known) = hub.knows();
     assert_eq!((is_current, known.len()), (false, POINTS_MAX));
     hub.says("state", &state(&session, count, &points));
+    assert!(!hub.knows().0);
+    let long = "m".repeat(300);
+    hub.says("state", &state(&session, count, &[(&long, 1)]));
     assert!(!hub.knows().0);
     // Spans in front of which something is missing are forgotten at some number.
     hub.says("state", &state(&session, count, &[]));

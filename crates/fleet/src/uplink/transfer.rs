@@ -89,6 +89,7 @@ struct Flying {
     count: u64,
     /// How many bytes the message has.
     len: usize,
+    sent_at: Duration,
     is_stored: bool,
 }
 
@@ -216,6 +217,12 @@ impl Transfer {
         [data, self.answer_by].into_iter().flatten().min()
     }
 
+    /// When the oldest message was sent that is not answered.
+    pub(super) fn oldest(&self) -> Option<Duration> {
+        let waits = self.flying.iter().filter(|flying| !flying.is_stored);
+        waits.map(|flying| flying.sent_at).min()
+    }
+
     /// Whether an answer is missing by now.
     pub(super) fn is_overdue(&self, now: Duration) -> bool {
         self.answer_by.is_some_and(|by| by <= now)
@@ -337,6 +344,7 @@ impl Transfer {
             last,
             count: batch.entries.len() as u64,
             len: payload.len(),
+            sent_at: now,
             is_stored: false,
         });
         if self.answer_by.is_none() {

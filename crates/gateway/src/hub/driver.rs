@@ -6,50 +6,72 @@ use super::view;
 use crate::access::secret::{hex, random};
 use crate::northbound::broker::session::Tries;
 use crate::{warn, warn_of};
+use async_nats::jetstream::Context;
 use async_nats::jetstream::context::PublishErrorKind;
 use async_nats::jetstream::message::PublishMessage;
+use async_nats::jetstream::stream::LastRawMessageErrorKind;
 use async_nats::{Message, Subject};
 use railbus_api::fleet::{FleetSitePoints, FleetSites};
 use railbus_api::problem::{Problem, codes};
 use railbus_app::failure::Failure;
-use railbus_fleet::centre::{Centre, CentreInput, CentreOutput};
+use railbus_fleet::centre::{Centre, CentreInput, CentreOutput, LeaseEnd};
 use railbus_store::history::millis;
 use railbus_words::Lang;
+use rustix::time::{ClockId, clock_gettime};
 use std::collections::BTreeMap;
-use std::time::SystemTime;
+use std::time::{Duration, SystemTime};
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio::time::Instant;
 
 /// How many requests of sites are remembered that are not answered: many never are.
 const REPLIES_MAX: usize = 8_192;
 
+/// How often it is looked whether this process stood still.
+const TICK: Duration = Duration::from_secs(1);
+/// It stood still if that took longer.
+const STOOD_STILL: Duration = Duration::from_secs(5);
+/// For how long it is told that a document was not stored.
+const TOLD: Duration = Duration::from_secs(60);
+
 /// What is asked of the centre.
 pub(super) enum HubCall {
     /// All sites.
     Sites(oneshot::Sender<FleetSites>),
-    /// A site with its points; none if there is none of this name.
-    Site(String, oneshot::Sender<Option<FleetSitePoints>>),
+    /// A site with its points; the problem if there is none of this name, or that is not known.
+    Site(String, oneshot::Sender<Result<FleetSitePoints, Problem>>),
 }
 
-/// What became of a document that was to be stored: its number.
-type StoredEnd = (u64, Result<u64, Option<Problem>>);
+/// The last document of a session, and its number; none if there is none.
+type LastLease = Option<(Vec<u8>, u64)>;
+
+/// What became of a request to the streams.
+enum StreamEnd {
+    /// The document that was to be stored under this number, and what went wrong.
+    Stored(u64, LeaseEnd, Option<Problem>),
+    /// The last document of a site, unless that can't be known now.
+    Looked(String, Option<LastLease>),
+}
 
 pub(super) struct Driver {
     lang: Lang,
     files: HubFiles,
     centre: Centre,
-    began: Instant,
     /// Where the answers to requests of sites go.
     replies: BTreeMap<u64, Subject>,
     number: u64,
     calls: mpsc::Receiver<HubCall>,
     stopped: watch::Receiver<bool>,
-    stored: (
-        mpsc::UnboundedSender<StoredEnd>,
-        mpsc::UnboundedReceiver<StoredEnd>,
+    /// What requests to the streams end in: as many as the centre asks for.
+    ends: (
+        mpsc::UnboundedSender<StreamEnd>,
+        mpsc::UnboundedReceiver<StreamEnd>,
     ),
-    /// Why it has no connection, or what was not stored.
-    error: Option<Problem>,
+    /// Why it has no connection, or what was not stored, and when that was noted.
+    error: Option<(Problem, Duration)>,
+    /// It was connected once: it knows which sites there are.
+    has_read: bool,
+    /// When it was looked last whether it stood still.
+    looked_at: Duration,
 }
 
 /// Why a connection is no longer used.
@@ -63,8 +85,10 @@ enum Heard {
     Hello(Message),
     Said(Message),
     Lease(String, Vec<u8>, u64),
-    Stored(StoredEnd),
+    End(StreamEnd),
     Call(HubCall),
+    /// A second is over.
+    Tick,
     Ended(LinkEnd),
 }
 
@@ -88,13 +112,14 @@ impl Driver {
             lang,
             files,
             centre: Centre::default(),
-            began: Instant::now(),
             replies: BTreeMap::new(),
             number: 0,
             calls,
             stopped,
-            stored: mpsc::unbounded_channel(),
+            ends: mpsc::unbounded_channel(),
             error: None,
+            has_read: false,
+            looked_at: since_boot(),
         }
     }
 
@@ -142,16 +167,19 @@ impl Driver {
 
     fn handle(&mut self, input: CentreInput<'_>) {
         self.centre.set_clock(millis(SystemTime::now()));
-        self.centre.handle(self.began.elapsed(), input);
+        self.centre.handle(since_boot(), input);
     }
 
     /// Something is wrong; it is said once.
     fn failed(&mut self, problem: Problem) {
-        let is_told = self.error.as_ref().is_some_and(|told| *told == problem);
+        let is_told = self
+            .error
+            .as_ref()
+            .is_some_and(|(told, _)| *told == problem);
         if !is_told {
             warn_of(self.lang, &Failure::of_problem(self.lang, &problem));
         }
-        self.error = Some(problem);
+        self.error = Some((problem, since_boot()));
     }
 
     fn connected(&mut self, link: &mut Link) {
@@ -170,16 +198,26 @@ impl Driver {
         }
         self.handle(CentreInput::Connected);
         self.error = None;
+        self.has_read = true;
+        self.looked_at = since_boot();
         let server = link.server();
         warn(&self.lang.fill(HubText::Connected, &[("server", &server)]));
     }
 
     async fn serve(&mut self, link: &mut Link) -> LinkEnd {
         loop {
-            if let Err(problem) = self.drive(link).await {
+            let mut stopped = self.stopped.clone();
+            let driven = tokio::select! {
+                // A server that takes nothing must not hold up the end.
+                () = stop(&mut stopped) => return LinkEnd::Stopped,
+                driven = self.drive(link) => driven,
+            };
+            if let Err(problem) = driven {
                 return LinkEnd::Broken(problem);
             }
-            match self.next(link).await {
+            let heard = self.next(link).await;
+            self.look_at_time();
+            match heard {
                 Heard::Hello(message) => self.hello(message),
                 Heard::Said(message) => {
                     let what = message.subject.rsplit('.').next().unwrap_or_default();
@@ -189,7 +227,8 @@ impl Driver {
                 Heard::Lease(site, payload, number) => {
                     self.handle(CentreInput::Lease(&site, &payload, number));
                 }
-                Heard::Stored((number, end)) => self.was_stored(number, end),
+                Heard::End(end) => self.stream_end(end),
+                Heard::Tick => {}
                 Heard::Call(call) => self.answer(call),
                 Heard::Ended(end) => return end,
             }
@@ -204,16 +243,19 @@ impl Driver {
             hello = next(&mut link.hellos) => hello.map_or_else(|| broken(&"closed"), Heard::Hello),
             said = next(&mut link.said) => said.map_or_else(|| broken(&"closed"), Heard::Said),
             lease = next(&mut link.leases) => match lease {
-                Some(Ok(lease)) => {
-                    let number = lease.info().map_or(0, |info| info.stream_sequence);
-                    let site = site_of(&lease.subject, 3).to_owned();
-                    Heard::Lease(site, lease.payload.to_vec(), number)
-                }
+                Some(Ok(lease)) => match lease.info() {
+                    Ok(info) => {
+                        let site = site_of(&lease.subject, 3).to_owned();
+                        Heard::Lease(site, lease.payload.to_vec(), info.stream_sequence)
+                    }
+                    Err(error) => broken(&error),
+                },
                 Some(Err(error)) => broken(&error),
                 None => broken(&"closed"),
             },
             // There is always a sender.
-            Some(end) = self.stored.1.recv() => Heard::Stored(end),
+            Some(end) = self.ends.1.recv() => Heard::End(end),
+            () = tokio::time::sleep(TICK) => Heard::Tick,
             call = self.calls.recv() => match call {
                 Some(call) => Heard::Call(call),
                 None => Heard::Ended(LinkEnd::Stopped),
@@ -238,14 +280,39 @@ impl Driver {
         self.handle(hello);
     }
 
-    fn was_stored(&mut self, number: u64, end: Result<u64, Option<Problem>>) {
-        let is_stored = |problem: &Problem| problem.code == codes::FLEET_NOT_STORED.code;
-        match &end {
-            Ok(_) if self.error.as_ref().is_some_and(is_stored) => self.error = None,
-            Err(Some(problem)) => self.failed(problem.clone()),
-            _ => {}
+    /// Where this process stood still, it has missed what was said meanwhile, and what waits is
+    /// older than it looks.
+    fn look_at_time(&mut self) {
+        let now = since_boot();
+        if now.saturating_sub(self.looked_at) > STOOD_STILL {
+            self.handle(CentreInput::Lost);
+            self.handle(CentreInput::Connected);
         }
-        self.handle(CentreInput::Stored(number, end.ok()));
+        self.looked_at = now;
+        let is_old = |(problem, at): &(Problem, Duration)| {
+            problem.code == codes::FLEET_NOT_STORED.code && now.saturating_sub(*at) > TOLD
+        };
+        if self.error.as_ref().is_some_and(is_old) {
+            self.error = None;
+        }
+    }
+
+    fn stream_end(&mut self, end: StreamEnd) {
+        match end {
+            StreamEnd::Stored(number, end, problem) => {
+                if let Some(problem) = problem {
+                    self.failed(problem);
+                }
+                self.handle(CentreInput::Stored(number, end));
+            }
+            StreamEnd::Looked(site, found) => {
+                let found = found.as_ref().map(|found| {
+                    let found = found.as_ref();
+                    found.map(|(payload, number)| (payload.as_slice(), *number))
+                });
+                self.handle(CentreInput::Looked(&site, found));
+            }
+        }
     }
 
     async fn drive(&mut self, link: &mut Link) -> Result<(), Problem> {
@@ -263,6 +330,8 @@ impl Driver {
                     payload,
                     after,
                 } => self.store(link, number, subject, payload, after),
+                CentreOutput::Ignore(number) => _ = self.replies.remove(&number),
+                CentreOutput::Look(site) => self.look(link, site),
                 CentreOutput::Ask(subject) => {
                     // Whoever does not hear it is asked again.
                     let reply = link.client.new_inbox();
@@ -278,41 +347,79 @@ impl Driver {
     }
 
     fn store(&self, link: &mut Link, number: u64, subject: String, payload: Vec<u8>, after: u64) {
-        let (streams, stored) = (link.streams.clone(), self.stored.0.clone());
+        let (streams, ends) = (link.streams.clone(), self.ends.0.clone());
         tokio::spawn(async move {
             let message = PublishMessage::build()
                 .payload(payload.into())
                 .expected_last_subject_sequence(after);
-            let end = match streams.send_publish(subject, message).await {
+            let stored = match streams.send_publish(subject, message).await {
                 Ok(sent) => sent.await.map(|stored| stored.sequence),
                 Err(error) => Err(error),
             };
-            let end = end.map_err(|error| match error.kind() {
-                // Another centre was first.
-                PublishErrorKind::WrongLastSequence => None,
-                _ => {
-                    let reason = error.to_string();
-                    Some(Problem::new(codes::FLEET_NOT_STORED).with("reason", reason))
-                }
-            });
+            let (end, problem) = match stored {
+                Ok(number) => (LeaseEnd::Stored(number), None),
+                Err(error) => match error.kind() {
+                    PublishErrorKind::WrongLastSequence => (LeaseEnd::Raced, None),
+                    _ => {
+                        let problem = Problem::new(codes::FLEET_NOT_STORED);
+                        let problem = problem.with("reason", error.to_string());
+                        (LeaseEnd::Unknown, Some(problem))
+                    }
+                },
+            };
             // Fails once the centre has ended.
-            let _ = stored.send((number, end));
+            let _ = ends.send(StreamEnd::Stored(number, end, problem));
+        });
+    }
+
+    fn look(&self, link: &mut Link, site: String) {
+        let (streams, ends) = (link.streams.clone(), self.ends.0.clone());
+        tokio::spawn(async move {
+            let found = last_lease(&streams, &site).await;
+            // Fails once the centre has ended.
+            let _ = ends.send(StreamEnd::Looked(site, found));
         });
     }
 
     fn answer(&self, call: HubCall) {
-        let now = self.began.elapsed();
+        let now = since_boot();
         // Whoever asked may be gone.
         match call {
             HubCall::Sites(to) => {
-                _ = to.send(view::sites(&self.centre, now, self.error.clone()));
+                let error = self.error.as_ref().map(|(problem, _)| problem.clone());
+                _ = to.send(view::sites(&self.centre, now, error));
             }
             HubCall::Site(name, to) => {
                 let site = self.centre.site(now, &name);
-                _ = to.send(site.as_ref().map(view::site_points));
+                let none = || match &self.error {
+                    // Before it has read them it does not know which sites there are.
+                    Some((problem, _)) if !self.has_read => problem.clone(),
+                    _ => Problem::new(codes::NO_SUCH_SITE).with("name", name.clone()),
+                };
+                _ = to.send(site.as_ref().map(view::site_points).ok_or_else(none));
             }
         }
     }
+}
+
+/// The last document of a site's session, as the leader of the stream has it.
+async fn last_lease(streams: &Context, site: &str) -> Option<LastLease> {
+    let stream = streams.get_stream_no_info("FLEET").await.ok()?;
+    let subject = format!("rb.fleet.lease.{site}");
+    match stream.get_last_raw_message_by_subject(&subject).await {
+        Ok(found) => Some(Some((found.payload.to_vec(), found.sequence))),
+        Err(error) => match error.kind() {
+            LastRawMessageErrorKind::NoMessageFound => Some(None),
+            _ => None,
+        },
+    }
+}
+
+/// The time since this machine was started, with that in which it slept.
+fn since_boot() -> Duration {
+    let time = clock_gettime(ClockId::Boottime);
+    let seconds = u64::try_from(time.tv_sec).unwrap_or_default();
+    Duration::new(seconds, u32::try_from(time.tv_nsec).unwrap_or_default())
 }
 
 /// Waits until it is to stop.

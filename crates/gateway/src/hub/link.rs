@@ -1,7 +1,7 @@
 //! The centre's connection to its servers, and the streams it has there.
 
+use crate::nats::unreached;
 use crate::northbound::broker::trusting;
-use crate::northbound::unreached;
 use async_nats::jetstream::consumer::pull::{Ordered, OrderedConfig};
 use async_nats::jetstream::consumer::{Consumer, DeliverPolicy};
 use async_nats::jetstream::stream::{Config as StreamConfig, Stream as NatsStream};
@@ -18,6 +18,8 @@ use tokio::sync::watch;
 const CONNECT_MAX: Duration = Duration::from_secs(10);
 /// How often it is asked whether the server is there.
 const PING: Duration = Duration::from_secs(10);
+/// How many messages of sites wait to be heard.
+const WAITING_MAX: usize = 8_192;
 /// The timeout of a request to the streams: it is lost where no server leads one.
 const REQUEST_MAX: Duration = Duration::from_secs(5);
 /// How long the next of the documents may take that are there.
@@ -109,8 +111,9 @@ impl HubFiles {
         };
         [
             StreamConfig {
-                // A site that says too much loses its own.
                 max_age: day,
+                // Sites send half as much at a time.
+                max_message_size: 128 << 10,
                 duplicate_window: Duration::from_secs(120),
                 ..stream("DATA", "rb.up.*.data", 9_000)
             },
@@ -140,6 +143,7 @@ impl Link {
             .ignore_discovered_servers()
             .connection_timeout(CONNECT_MAX)
             .ping_interval(PING)
+            .subscription_capacity(WAITING_MAX)
             // It is begun anew then: what was said meanwhile was not heard.
             .max_reconnects(files.servers.len())
             .event_callback(move |event| {
@@ -161,14 +165,15 @@ impl Link {
         let [_, states, fleet] = &made[..] else {
             return Err(no_streams(&"a stream is missing"));
         };
+        let mut documents = Vec::new();
+        let leases = read_last(fleet, LEASES, &mut documents).await?;
+        read_last(states, STATES, &mut documents).await?;
+        // Not before: what waits meanwhile would look younger than it is. What is missed is asked
+        // for.
         let hellos = client.queue_subscribe("rb.up.*.hello", QUEUE.to_owned());
         let hellos = hellos.await.map_err(|error| ended(&error))?;
         let said = client.subscribe(SAID).await;
         let said = said.map_err(|error| ended(&error))?;
-        let mut documents = Vec::new();
-        let leases = read_last(fleet, LEASES, &mut documents).await?;
-        // What comes later is heard as it is said.
-        read_last(states, STATES, &mut documents).await?;
         Ok(Link {
             client,
             streams,

@@ -28,9 +28,8 @@ async fn sites(State(calls): State<Calls>) -> Response<Body> {
 }
 
 async fn site(State(calls): State<Calls>, Path(name): Path<String>) -> Response<Body> {
-    let found = ask(&calls, |to| HubCall::Site(name.clone(), to)).await;
-    let none = || Problem::new(codes::NO_SUCH_SITE).with("name", name.clone());
-    answer::json(found.and_then(|found| found.ok_or_else(none)))
+    let found = ask(&calls, |to| HubCall::Site(name, to)).await;
+    answer::json(found.and_then(|found| found))
 }
 
 async fn ask<T>(

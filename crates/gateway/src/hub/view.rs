@@ -71,17 +71,21 @@ fn point(view: &SiteView<'_>, path: &str, known: &KnownPoint) -> FleetPoint {
         ReadingQuality::Bad | ReadingQuality::Unspecified => Quality::Bad,
     };
     let own = Some(reading.reason.clone()).filter(|reason| !reason.is_empty());
-    // What was good is so no longer, or that is not known.
-    let (quality, reason) = match (quality, view.is_current, view.presence) {
-        (Quality::Good, false, presence) => {
+    // What was said is so no longer, or that is not known.
+    let (quality, reason) = match (view.is_current, view.presence) {
+        (true, _) => (quality, own),
+        (false, presence) => {
             let reason = match presence {
                 SitePresence::Offline => "site_offline",
                 SitePresence::Unknown => "site_unknown",
                 SitePresence::Online => "incomplete",
             };
-            (Quality::Stale, Some(reason.to_owned()))
+            let quality = match quality {
+                Quality::Good => Quality::Stale,
+                other => other,
+            };
+            (quality, Some(reason.to_owned()))
         }
-        (quality, ..) => (quality, own),
     };
     FleetPoint {
         path: path.to_owned(),

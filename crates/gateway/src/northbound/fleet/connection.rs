@@ -2,12 +2,12 @@
 
 use super::settings::FleetAccess;
 use crate::access::secret::{hex, random};
-use crate::northbound::broker::{tls_reason, trusting};
+use crate::nats::unreached;
+use crate::northbound::broker::trusting;
 use crate::northbound::outlet::Outlet;
-use async_nats::{Client, ConnectErrorKind, ConnectOptions, Event, ServerError, Subscriber};
+use async_nats::{Client, ConnectOptions, Event, ServerError, Subscriber};
 use railbus_api::problem::{Problem, codes};
 use railbus_fleet::{SiteClaims, read_site_creds};
-use std::error::Error as _;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -148,20 +148,4 @@ fn delay(tries: usize) -> Duration {
     let longest = if tries <= 1 { AGAIN[0] } else { AGAIN[1] };
     let share = random::<2>().map_or(u16::MAX / 2, u16::from_le_bytes);
     longest.mul_f64(f64::from(share) / f64::from(u16::MAX))
-}
-
-/// Why there is no connection.
-pub(crate) fn unreached(error: async_nats::ConnectError) -> Problem {
-    let code = match error.kind() {
-        ConnectErrorKind::Authentication | ConnectErrorKind::AuthorizationViolation => {
-            codes::FLEET_LOGIN
-        }
-        ConnectErrorKind::Tls => codes::FLEET_TLS,
-        _ if tls_reason(&error).is_some() => codes::FLEET_TLS,
-        _ => codes::FLEET_UNREACHED,
-    };
-    // What the system said, without the library's word for it.
-    let source = error.source().map(ToString::to_string);
-    let reason = tls_reason(&error).or(source);
-    Problem::new(code).with("reason", reason.unwrap_or_else(|| error.to_string()))
 }

@@ -8,8 +8,6 @@ mod connection;
 mod driver;
 mod settings;
 
-pub(crate) use connection::unreached;
-
 use super::kind::{Field, OutletKind, Pair, Shape};
 
 /// The way to the centre of a fleet.

@@ -37,7 +37,7 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
             lang.get(state(site)).to_owned(),
             lang.get(values(site)).to_owned(),
             site.heard_ms.map_or_else(dash, |ms| ago(lang, ms)),
-            site.behind.to_string(),
+            site.behind.map_or_else(dash, |behind| behind.to_string()),
             site.version.clone(),
             notes(lang, site),
         ]);
@@ -53,9 +53,9 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
     };
     out::result(lang, &shown.render(context.format))?;
     match told.connection.error {
-        // What is shown is what was known.
-        Some(problem) if !told.connection.connected => Err(context.failure(&problem)),
-        _ => Ok(()),
+        // What is shown is what was known; or no site gets a session.
+        Some(problem) => Err(context.failure(&problem)),
+        None => Ok(()),
     }
 }
 

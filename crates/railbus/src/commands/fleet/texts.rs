@@ -103,7 +103,7 @@ railbus_words::texts! {
     }
     KeyEnds { en: "its key is valid until {day}", zh: "密钥有效期至 {day}" }
     ClockOff { en: "its clock is off by {time}", zh: "时钟偏差 {time}" }
-    AsOf { en: "as they were {ago}, or later", zh: "为{ago}或之后的值" }
+    AsOf { en: "as they were about {ago}, or later", zh: "约为{ago}或之后的值" }
     WereSo {
         en: "the values of {site} are not current: they were so {ago}",
         zh: "{site} 的数值不是当前值：{ago}如此",
@@ -111,6 +111,6 @@ railbus_words::texts! {
     NeverSo { en: "the values of {site} are not current", zh: "{site} 的数值不是当前值" }
     SiteOffline { en: "site offline", zh: "站点离线" }
     SiteUnknown { en: "not known whether the site is there", zh: "站点是否在线未知" }
-    Incomplete { en: "not all has arrived", zh: "尚未收齐" }
+    Incomplete { en: "not all has arrived in time", zh: "未及时收齐" }
     NoSuchPoint { en: "{site} has no point {name}", zh: "{site} 没有点位 {name}" }
 }

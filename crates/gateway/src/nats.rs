@@ -1,0 +1,22 @@
+//! What a site and its centre have in common as clients of NATS servers.
+
+use crate::northbound::broker::tls_reason;
+use async_nats::ConnectErrorKind;
+use railbus_api::problem::{Problem, codes};
+use std::error::Error as _;
+
+/// Why there is no connection.
+pub(crate) fn unreached(error: async_nats::ConnectError) -> Problem {
+    let code = match error.kind() {
+        ConnectErrorKind::Authentication | ConnectErrorKind::AuthorizationViolation => {
+            codes::FLEET_LOGIN
+        }
+        ConnectErrorKind::Tls => codes::FLEET_TLS,
+        _ if tls_reason(&error).is_some() => codes::FLEET_TLS,
+        _ => codes::FLEET_UNREACHED,
+    };
+    // What the system said, without the library's word for it.
+    let source = error.source().map(ToString::to_string);
+    let reason = tls_reason(&error).or(source);
+    Problem::new(code).with("reason", reason.unwrap_or_else(|| error.to_string()))
+}
