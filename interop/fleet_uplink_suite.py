@@ -320,7 +320,9 @@ def told(s):
     found, order = s.entries()
     readings = [found[key].reading for key in order]
     good = s.centre.form.Quality.GOOD
-    return [each.on for each in readings if each.path == "oven.k1" and each.quality == good]
+    values = [each.on for each in readings if each.path == "oven.k1" and each.quality == good]
+    # On a busy machine it was stale in between, and is told once more.
+    return [value for at, value in enumerate(values) if at == 0 or value != values[at - 1]]
 
 
 SUITES = [("fleet: a site and its centre", suite), ("fleet: leaders that die", leaders)]

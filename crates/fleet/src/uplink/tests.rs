@@ -640,3 +640,34 @@ fn while_the_disk_hangs_it_does_not_say_that_it_is_there_and_says_why() {
     site.handle(UplinkInput::Stuck(false));
     assert_eq!(what(&site.published()), ["hello"]);
 }
+
+#[test]
+fn a_heartbeat_says_how_long_messages_wait_and_a_state_under_way_is_not_said_again() {
+    let mut site = Site::new();
+    site.disk.append(1);
+    site.stored();
+    let first = site.begin();
+    assert_eq!(what(&first), ["beat", "state", "data"]);
+    let waits = |message: &UpMessage| Beat::decode(&*message.payload).unwrap().waits_ms;
+    assert_eq!(waits(&first[0]), 0);
+    site.uplink.tell_state();
+    site.now += Duration::from_secs(6);
+    site.answer(first[2].answer.unwrap(), TAKEN_IN);
+    site.now += BEAT - Duration::from_secs(6);
+    // The state is older than what was sent since.
+    let next = site.published();
+    assert_eq!(what(&next), ["beat"]);
+    assert_eq!(waits(&next[0]), 10_000);
+    let stored = br#"{"stream":"STATE","seq":1}"#;
+    site.answer(first[1].answer.unwrap(), stored);
+    site.disk.append(1);
+    site.stored();
+    site.now += GATHER;
+    assert_eq!(what(&site.published()), ["data"]);
+    site.uplink.tell_state();
+    assert_eq!(what(&site.published()), ["state"]);
+    site.now += BEAT - GATHER;
+    let next = site.published();
+    assert_eq!(what(&next), ["beat"]);
+    assert_eq!(waits(&next[0]), 9_000);
+}
