@@ -285,7 +285,7 @@ def copied(s, hub, site):
     day = time.strftime("%Y-%m-%d", time.gmtime(site.key_ends))
     s.check(entry, shown["key_until"][:10], day, "until when its key is valid")
     _, said, _ = hub.run("ls")
-    for note in ("another machine has its key", "its key is valid until"):
+    for note in ("another machine has its key", "key valid until"):
         s.check(entry, note in said, True, said)
     return restarted
 

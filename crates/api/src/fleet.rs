@@ -56,8 +56,8 @@ pub struct FleetSite {
     /// How long ago that was so, in milliseconds; none if it never was since the centre started.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub known_ms: Option<u64>,
-    /// How many of its changes its servers still had to get at its last heartbeat; none unless it is
-    /// there.
+    /// How many of its changes its servers still had to get at its last heartbeat; none unless it
+    /// is there.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub behind: Option<u64>,
     /// How many points it has.

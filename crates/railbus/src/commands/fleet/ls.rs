@@ -38,7 +38,6 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
             lang.get(values(site)).to_owned(),
             site.heard_ms.map_or_else(dash, |ms| ago(lang, ms)),
             site.behind.map_or_else(dash, |behind| behind.to_string()),
-            site.version.clone(),
             notes(lang, site),
         ]);
     }

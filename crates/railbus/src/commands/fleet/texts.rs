@@ -87,8 +87,8 @@ railbus_words::texts! {
         zh: "模块或点位，如 oven 或 oven.k1 [全部]",
     }
     SitesHead {
-        en: "SITE|STATE|VALUES|HEARD|BEHIND|VERSION|NOTE",
-        zh: "站点|状态|数值|最近心跳|待送|版本|备注",
+        en: "SITE|STATE|VALUES|HEARD|BEHIND|NOTE",
+        zh: "站点|状态|数值|最近心跳|待送|备注",
     }
     Online { en: "online", zh: "在线" }
     Away { en: "offline", zh: "离线" }
@@ -98,11 +98,11 @@ railbus_words::texts! {
     None { en: "none", zh: "无" }
     Ago { en: "{time} ago", zh: "{time}前" }
     Copied {
-        en: "another machine has its key, {ago}",
-        zh: "另一台机器使用同一密钥，{ago}",
+        en: "another machine has its key ({ago})",
+        zh: "另一台机器使用同一密钥（{ago}）",
     }
-    KeyEnds { en: "its key is valid until {day}", zh: "密钥有效期至 {day}" }
-    ClockOff { en: "its clock is off by {time}", zh: "时钟偏差 {time}" }
+    KeyEnds { en: "key valid until {day}", zh: "密钥有效期至 {day}" }
+    ClockOff { en: "clock off by {time}", zh: "时钟偏差 {time}" }
     AsOf { en: "as they were about {ago}, or later", zh: "约为{ago}或之后的值" }
     WereSo {
         en: "the values of {site} are not current: they were so {ago}",
