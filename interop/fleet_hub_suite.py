@@ -20,6 +20,8 @@ from rig import Tally
 
 # A site that is silent for so long is offline, in seconds.
 ONLINE = 35.0
+# A centre that does nothing for so long stood still, in seconds.
+STILL = 7.0
 # The keys of sites by others are valid for so long, in seconds.
 KEY_ENDS = 5 * 86_400
 # The name of a session that nobody gave.
@@ -253,6 +255,17 @@ def dies(s, hub):
     s.check(entry, (s.state()[0], s.outlet()["since"]), ("running", session), "unnoticed")
 
 
+def stands_still(s, hub):
+    """What waited for a centre that stood still is not taken for new."""
+    entry = "a centre that stands still"
+    hub.process.send_signal(signal.SIGSTOP)
+    time.sleep(STILL)
+    hub.process.send_signal(signal.SIGCONT)
+    told = lambda: "stood still" in hub.said.read_text(encoding="utf-8")
+    s.check(entry, until(told), True, "it says so")
+    is_so(s, entry, lambda: hub.site(SITE)["current"], True, "it begins anew")
+
+
 def copied(s, hub, site):
     """One machine is the site, and others are told so."""
     entry = "machines with one key"
@@ -405,6 +418,7 @@ def suite():
             with Plant(fleet, None, tally) as s:
                 knows(s, hub)
                 dies(s, hub)
+                stands_still(s, hub)
                 site = Site(fleet, "plant8")
                 session = copied(s, hub, site)
                 incomplete(s, hub, site, session)

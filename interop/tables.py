@@ -709,6 +709,7 @@ credentials that are replaced
 FLEET_HUB = """
 a site and the centre
 a centre that dies
+a centre that stands still
 machines with one key
 not all has arrived
 a site that is silent

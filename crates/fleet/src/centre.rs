@@ -51,7 +51,7 @@ const BEFORE_MAX: usize = 8;
 pub enum CentreInput<'i> {
     /// From now on all is heard.
     Connected,
-    /// Nothing is heard any more, or something was missed. Documents that come before the next
+    /// Nothing is heard any more. Documents that come before the next
     /// [`CentreInput::Connected`] are those that there are.
     Lost,
     /// A site asks for its session: the number of the request, its name, what it said, and the name

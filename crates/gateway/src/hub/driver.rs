@@ -216,7 +216,10 @@ impl Driver {
                 return LinkEnd::Broken(problem);
             }
             let heard = self.next(link).await;
-            self.look_at_time();
+            if self.stood_still() {
+                // Documents that wait are older than what was heard of last.
+                return LinkEnd::Broken(ended(&"this process stood still"));
+            }
             match heard {
                 Heard::Hello(message) => self.hello(message),
                 Heard::Said(message) => {
@@ -281,20 +284,17 @@ impl Driver {
     }
 
     /// Where this process stood still, it has missed what was said meanwhile, and what waits is
-    /// older than it looks.
-    fn look_at_time(&mut self) {
+    /// older than it looks: it begins anew.
+    fn stood_still(&mut self) -> bool {
         let now = since_boot();
-        if now.saturating_sub(self.looked_at) > STOOD_STILL {
-            self.handle(CentreInput::Lost);
-            self.handle(CentreInput::Connected);
-        }
-        self.looked_at = now;
+        let passed = now.saturating_sub(std::mem::replace(&mut self.looked_at, now));
         let is_old = |(problem, at): &(Problem, Duration)| {
             problem.code == codes::FLEET_NOT_STORED.code && now.saturating_sub(*at) > TOLD
         };
         if self.error.as_ref().is_some_and(is_old) {
             self.error = None;
         }
+        passed > STOOD_STILL
     }
 
     fn stream_end(&mut self, end: StreamEnd) {
