@@ -194,7 +194,7 @@ struct CentreSite {
     known: KnownSite,
     /// How all points are, of a session that is not known yet, as it was said.
     early: Vec<u8>,
-    /// A session that is not known, and since when it is reported in.
+    /// A session that is not known and was reported in last, and since when any is.
     stray: Option<(String, Duration)>,
     /// The number of the last document when it was asked which one that is.
     looks: Option<u64>,
@@ -318,6 +318,7 @@ impl Centre {
     /// What was heard is no longer so, and any document may be the last one.
     fn lost(&mut self) {
         self.listens = None;
+        self.outputs.clear();
         self.grants.clear();
         for site in self.sites.values_mut() {
             site.beat = None;
@@ -556,7 +557,7 @@ impl Centre {
 
     fn beat(&mut self, now: Duration, name: &str, beat: Beat) {
         let clock_ms = self.clock_ms;
-        let Some(site) = self.sites.get_mut(name) else {
+        let Some(site) = self.entry(name) else {
             return;
         };
         if site.was_in(&beat.session) {
@@ -566,7 +567,6 @@ impl Centre {
         if !site.is_in(&beat.session) {
             return self.strays(now, name, beat.session);
         }
-        site.stray = None;
         let last = site.beat.as_ref();
         // Of two that were said in one session the later one counts.
         if last.is_some_and(|last| last.beat.time_ms > beat.time_ms) {
@@ -604,13 +604,11 @@ impl Centre {
         let Some(site) = self.sites.get_mut(name).filter(|_| is_token(&session)) else {
             return;
         };
-        match &site.stray {
-            Some((stray, since)) if *stray == session => {
-                if now.saturating_sub(*since) >= STRAY {
-                    self.look(name);
-                }
-            }
-            _ => site.stray = Some((session, now)),
+        // Whichever it is: there may be several.
+        let since = site.stray.as_ref().map_or(now, |(_, since)| *since);
+        site.stray = Some((session, since));
+        if now.saturating_sub(since) >= STRAY {
+            self.look(name);
         }
     }
 
@@ -619,6 +617,7 @@ impl Centre {
             && site.is_in(&batch.session)
         {
             site.known.batch(batch);
+            site.completes();
         }
     }
 
@@ -627,7 +626,10 @@ impl Centre {
             return;
         };
         match site.is_in(&state.session) {
-            true => site.known.state(state),
+            true => {
+                site.known.state(state);
+                site.completes();
+            }
             // Its document may be on its way from another centre.
             false => site.early = payload.to_vec(),
         }
@@ -665,6 +667,17 @@ impl Fastest {
 }
 
 impl CentreSite {
+    /// Nothing is missing where all is there by now that the last heartbeat vouches for.
+    fn completes(&mut self) {
+        if self
+            .beat
+            .as_ref()
+            .is_some_and(|beat| self.known.has_all(&beat.beat))
+        {
+            self.lacks = None;
+        }
+    }
+
     fn is_in(&self, session: &str) -> bool {
         let holder = self.holder.as_ref();
         holder.is_some_and(|holder| holder.lease.session == session)

@@ -478,7 +478,10 @@ impl Uplink {
             return;
         }
         if self.states_asked.contains(&number) {
-            self.state_len = 0;
+            // A later one may still be on its way.
+            if self.states_asked.back() == Some(&number) {
+                self.state_len = 0;
+            }
             if is_stored(answer, "STATE").is_ok() {
                 self.state_at = Some(now + STATE);
                 self.is_state_missing = false;

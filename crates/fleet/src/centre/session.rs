@@ -33,15 +33,17 @@ pub(super) fn admit(
     let Some(lease) = lease else {
         return Admission::Admitted(Vec::new());
     };
+    let is_recent = |at: Duration| now.saturating_sub(at) < TAKEN;
+    let is_silent = !heard.is_some_and(is_recent) && !listens.is_none_or(is_recent);
     if lease.boot == hello.boot {
-        return match hello.time_ms < lease.time_ms {
+        // A machine that was put back to an earlier state has an earlier time.
+        return match hello.time_ms < lease.time_ms && !is_silent {
             true => Admission::Older,
             false => Admission::Admitted(lease.before.clone()),
         };
     }
     let is_before = lease.before.iter().any(|run| run.boot == hello.boot);
     let is_restart = lease.installation == hello.installation && !is_before;
-    let is_recent = |at: Duration| now.saturating_sub(at) < TAKEN;
     if is_restart {
         return Admission::Admitted(before(lease, hello));
     }

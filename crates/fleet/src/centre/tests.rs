@@ -369,10 +369,47 @@ fn a_machine_is_not_silent_before_it_could_say_anything() {
 fn a_request_that_comes_after_a_later_one_of_the_same_run_is_none() {
     let mut hub = Hub::new();
     hub.begins(FIRST).unwrap();
-    hub.now -= Duration::from_secs(1);
-    assert_eq!(hub.hello(FIRST), [CentreOutput::Ignore(2)]);
-    hub.now += Duration::from_secs(1);
+    let day = Duration::from_secs(86_400);
+    let late = Hello {
+        time_ms: 5,
+        ..hello(FIRST)
+    };
+    let late = late.encode_to_vec();
+    let asks = |hub: &mut Hub| {
+        hub.handle(CentreInput::Hello(7, "p1", &late, "s".to_owned()));
+        hub.outputs()
+    };
+    assert_eq!(asks(&mut hub), [CentreOutput::Ignore(7)]);
     assert!(hub.begins(FIRST).is_ok());
+    // A machine that was put back to an earlier state, once nobody else is there.
+    hub.now += day;
+    let asked = asks(&mut hub);
+    assert!(
+        matches!(asked[..], [CentreOutput::Store { .. }]),
+        "{asked:?}"
+    );
+}
+
+#[test]
+fn a_machine_beside_the_one_that_has_the_session_is_told() {
+    let mut hub = Hub::new();
+    let (session, _) = hub.begins(FIRST).unwrap();
+    hub.says("state", &state(&session, 0, &[]));
+    let mut looks = 0;
+    for _ in 0..5 {
+        for other in ["copy1", "copy2"] {
+            hub.beats(&session, 0);
+            hub.beats(other, 0);
+        }
+        looks += hub.outputs().len();
+        hub.now += Duration::from_secs(10);
+    }
+    assert_eq!(looks, 1);
+    let document = hub.document.clone();
+    hub.handle(CentreInput::Looked("p1", Some(Some((&document, 1)))));
+    let told = CentreOutput::Ask("rb.down.p1.copy2.end".to_owned());
+    assert_eq!(hub.outputs(), [told]);
+    assert_eq!(hub.view().presence, SitePresence::Online);
 }
 
 #[test]
@@ -442,7 +479,11 @@ fn after_a_connection_was_lost_the_documents_that_are_there_count() {
     let document = hub.document.clone();
     hub.handle(CentreInput::Lease("p1", &document, 9));
     hub.beats(&session, 0);
+    // What was to be done at that connection is not done at the next one.
+    let asks = hello(OTHER).encode_to_vec();
+    hub.handle(CentreInput::Hello(7, "p1", &asks, "s".to_owned()));
     hub.handle(CentreInput::Lost);
+    assert_eq!(hub.outputs(), []);
     assert_eq!(hub.view().presence, SitePresence::Unknown);
     hub.revision = 3;
     hub.connected();

@@ -671,3 +671,23 @@ fn a_heartbeat_says_how_long_messages_wait_and_a_state_under_way_is_not_said_aga
     assert_eq!(what(&next), ["beat"]);
     assert_eq!(waits(&next[0]), 9_000);
 }
+
+#[test]
+fn the_answer_to_an_earlier_state_is_not_that_to_the_later_one() {
+    let mut site = Site::new();
+    let first = site.begin();
+    assert_eq!(what(&first), ["beat", "state"]);
+    let mut later = Vec::new();
+    while later.is_empty() {
+        site.now += BEAT;
+        later = site.published();
+        later.retain(|message| message.subject.ends_with("state"));
+    }
+    let stored = br#"{"stream":"STATE","seq":1}"#;
+    site.answer(first[1].answer.unwrap(), stored);
+    site.now += BEAT;
+    let next = site.published();
+    assert_eq!(what(&next), ["beat"]);
+    let beat = Beat::decode(&*next[0].payload).unwrap();
+    assert_eq!(beat.waits_ms, 10_000);
+}

@@ -1,7 +1,7 @@
 //! Drives the centre.
 
 use super::HubText;
-use super::link::{HubFiles, Link, next};
+use super::link::{HubFiles, Link, Opened, next};
 use super::view;
 use crate::access::secret::{hex, random};
 use crate::northbound::broker::session::Tries;
@@ -129,15 +129,16 @@ impl Driver {
         loop {
             let begun = Instant::now();
             let files = self.files.clone();
-            let Some(opened) = self.meanwhile(Link::open(&files)).await else {
+            let Some(opened) = self.meanwhile(Opened::open(&files)).await else {
                 return;
             };
-            let problem = match opened {
+            let problem = match self.connected(opened).await {
                 Err(problem) => problem,
                 Ok(mut link) => {
-                    self.connected(&mut link);
                     let end = self.serve(&mut link).await;
                     self.handle(CentreInput::Lost);
+                    // What requests at this connection end in is of no importance any more.
+                    self.ends = mpsc::unbounded_channel();
                     tries.connected_since(begun);
                     match end {
                         LinkEnd::Stopped => return,
@@ -182,26 +183,29 @@ impl Driver {
         self.error = Some((problem, since_boot()));
     }
 
-    fn connected(&mut self, link: &mut Link) {
-        let documents = std::mem::take(&mut link.documents);
-        for (subject, payload, number) in &documents {
+    /// Knows the documents of a connection, and hears at it.
+    async fn connected(&mut self, opened: Result<Opened, Problem>) -> Result<Link, Problem> {
+        let mut opened = opened?;
+        for (subject, payload, number) in std::mem::take(&mut opened.documents) {
             match subject.starts_with("rb.up.") {
                 true => {
-                    let site = site_of(subject, 2);
-                    self.handle(CentreInput::Said(site, "state", payload));
+                    let site = site_of(&subject, 2);
+                    self.handle(CentreInput::Said(site, "state", &payload));
                 }
                 false => {
-                    let site = site_of(subject, 3);
-                    self.handle(CentreInput::Lease(site, payload, *number));
+                    let site = site_of(&subject, 3);
+                    self.handle(CentreInput::Lease(site, &payload, number));
                 }
             }
         }
+        let link = opened.hear().await?;
         self.handle(CentreInput::Connected);
         self.error = None;
         self.has_read = true;
         self.looked_at = since_boot();
         let server = link.server();
         warn(&self.lang.fill(HubText::Connected, &[("server", &server)]));
+        Ok(link)
     }
 
     async fn serve(&mut self, link: &mut Link) -> LinkEnd {
@@ -217,6 +221,10 @@ impl Driver {
             }
             let heard = self.next(link).await;
             if self.stood_still() {
+                if let Heard::Call(call) = heard {
+                    self.handle(CentreInput::Lost);
+                    self.answer(call);
+                }
                 // Documents that wait are older than what was heard of last.
                 return LinkEnd::Broken(ended(&"this process stood still"));
             }

@@ -44,6 +44,16 @@ pub(super) struct HubFiles {
     creds: PathBuf,
 }
 
+/// A connection, at which nothing is heard yet.
+pub(super) struct Opened {
+    client: Client,
+    streams: Context,
+    is_up: watch::Receiver<bool>,
+    leases: Ordered,
+    /// The documents of sessions and the last states of sites: subject, payload and number.
+    pub(super) documents: Vec<(String, Vec<u8>, u64)>,
+}
+
 /// A connection at which all that sites say is heard.
 pub(super) struct Link {
     pub(super) client: Client,
@@ -56,8 +66,6 @@ pub(super) struct Link {
     pub(super) said: Subscriber,
     /// Documents of sessions as they are stored.
     pub(super) leases: Ordered,
-    /// The same, and the last states of sites, as they were: subject, payload and number.
-    pub(super) documents: Vec<(String, Vec<u8>, u64)>,
 }
 
 fn unusable(path: &Path, reason: &dyn ToString) -> Problem {
@@ -123,12 +131,12 @@ impl HubFiles {
     }
 }
 
-impl Link {
+impl Opened {
     /// Connects to one of the servers, with the files as they are now.
     ///
     /// # Errors
     /// None of them can be reached, they don't accept this centre, or they have no streams.
-    pub(super) async fn open(files: &HubFiles) -> Result<Link, Problem> {
+    pub(super) async fn open(files: &HubFiles) -> Result<Opened, Problem> {
         let creds = std::fs::read_to_string(&files.creds);
         let creds = creds.map_err(|error| unusable(&files.creds, &error))?;
         let tls = trusting(Some(&files.ca), None, codes::FLEET_FILE)?;
@@ -168,23 +176,38 @@ impl Link {
         let mut documents = Vec::new();
         let leases = read_last(fleet, LEASES, &mut documents).await?;
         read_last(states, STATES, &mut documents).await?;
-        // Not before: what waits meanwhile would look younger than it is. What is missed is asked
-        // for.
+        Ok(Opened {
+            client,
+            streams,
+            is_up,
+            leases,
+            documents,
+        })
+    }
+
+    /// Hears what sites say from now on. Not before its documents are known: what waits meanwhile
+    /// would look younger than it is. What is missed is asked for.
+    ///
+    /// # Errors
+    /// The connection has ended.
+    pub(super) async fn hear(self) -> Result<Link, Problem> {
+        let client = self.client;
         let hellos = client.queue_subscribe("rb.up.*.hello", QUEUE.to_owned());
         let hellos = hellos.await.map_err(|error| ended(&error))?;
         let said = client.subscribe(SAID).await;
         let said = said.map_err(|error| ended(&error))?;
         Ok(Link {
             client,
-            streams,
-            is_up,
+            streams: self.streams,
+            is_up: self.is_up,
             hellos,
             said,
-            leases,
-            documents,
+            leases: self.leases,
         })
     }
+}
 
+impl Link {
     /// The server that it is connected to.
     pub(super) fn server(&self) -> String {
         let info = self.client.server_info();

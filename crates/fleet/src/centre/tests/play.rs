@@ -481,9 +481,17 @@ fn play(seed: u64) -> (u64, u64) {
         }
     }
     for at in 0..2 {
-        world.machines[at].is_on = true;
-        world.machines[at].is_connected = true;
-        world.starts(at);
+        let machine = &mut world.machines[at];
+        let is_restarted = !machine.is_on || seed % 4 < 2;
+        let was_connected = std::mem::replace(&mut machine.is_connected, true);
+        machine.is_on = true;
+        if is_restarted {
+            world.starts(at);
+        } else if !was_connected {
+            let machine = &mut world.machines[at];
+            machine.site.now = machine.time(world.now);
+            machine.site.handle(UplinkInput::Connected(1 << 20));
+        }
     }
     while world.now < Duration::from_secs(4_500) {
         world.step();

@@ -160,3 +160,18 @@ fn a_site_that_says_too_much_is_not_known() {
     hub.beats(&session, count + 2 * many - 1);
     assert!(!hub.knows().0);
 }
+
+#[test]
+fn a_site_whose_points_change_all_the_time_is_not_asked_how_they_are() {
+    let mut hub = Hub::new();
+    let (session, _) = hub.begins(FIRST).unwrap();
+    hub.says("state", &state(&session, 0, &[]));
+    for nth in 1..30 {
+        // What it vouches for comes a second after it.
+        hub.beats(&session, nth);
+        assert_eq!(hub.outputs(), []);
+        hub.now += Duration::from_secs(1);
+        hub.says("data", &batch(&session, nth, &[("a", 1)]));
+        hub.now += Duration::from_secs(9);
+    }
+}
