@@ -202,6 +202,8 @@ struct CentreSite {
     again: Option<(u64, Vec<u8>, String)>,
     /// When another machine asked last.
     copy: Option<Duration>,
+    /// When the last heartbeat was sent whose values are all there.
+    vouched: Option<Duration>,
     /// Since when something is missing that a heartbeat vouches for.
     lacks: Option<Duration>,
     /// When it was asked last how its points are.
@@ -296,7 +298,7 @@ impl Centre {
             presence,
             heard,
             is_current: present.is_some_and(has_all),
-            vouched: site.known.vouched().map(ago),
+            vouched: site.vouched.map(ago),
             behind: present.map(|b| b.beat.newest.saturating_sub(b.beat.delivered)),
             clock_ahead_ms: present.map(|beat| beat.clock_ahead_ms),
             version: lease.map_or("", |lease| &lease.version),
@@ -575,7 +577,6 @@ impl Centre {
         let fastest = Fastest::with(last.map(|last| last.fastest), now, &beat);
         let waited = now.saturating_sub(Duration::from_millis(beat.waits_ms));
         let said = fastest.said(&beat).min(waited);
-        let has_all = site.known.beat(said, &beat);
         let clock_ahead_ms = beat.clock_ms.saturating_sub(clock_ms);
         let session = beat.session.clone();
         site.beat = Some(HeardBeat {
@@ -585,8 +586,7 @@ impl Centre {
             beat,
             clock_ahead_ms,
         });
-        if has_all {
-            site.lacks = None;
+        if site.completes() {
             return;
         }
         let since = *site.lacks.get_or_insert(now);
@@ -667,15 +667,15 @@ impl Fastest {
 }
 
 impl CentreSite {
-    /// Nothing is missing where all is there by now that the last heartbeat vouches for.
-    fn completes(&mut self) {
-        if self
-            .beat
-            .as_ref()
-            .is_some_and(|beat| self.known.has_all(&beat.beat))
-        {
-            self.lacks = None;
-        }
+    /// Whether everything is there that the last heartbeat vouches for.
+    fn completes(&mut self) -> bool {
+        let beat = self.beat.as_ref();
+        let Some(beat) = beat.filter(|beat| self.known.has_all(&beat.beat)) else {
+            return false;
+        };
+        self.vouched = Some(beat.said);
+        self.lacks = None;
+        true
     }
 
     fn is_in(&self, session: &str) -> bool {

@@ -2,7 +2,6 @@
 
 use crate::message::{Beat, DataBatch, DataEntry, DataKind, SiteState, UplinkReading, UplinkValue};
 use std::collections::BTreeMap;
-use std::time::Duration;
 
 /// The most points of a site.
 pub const POINTS_MAX: usize = 20_000;
@@ -34,21 +33,11 @@ pub(super) struct KnownSite {
     /// Spans of numbers behind that, first to last.
     spans: BTreeMap<u64, u64>,
     points: BTreeMap<String, KnownPoint>,
-    /// Which heartbeat of this session is waited for: its time, and its newest number.
-    waits: Option<(Duration, String, u64)>,
-    /// When the last heartbeat was said of which all is there.
-    vouched: Option<Duration>,
 }
 
 impl KnownSite {
-    /// A session begins. What is known stays, as that of earlier.
+    /// A new session, or new numbering: the last values stay, but none is confirmed any more.
     pub(super) fn begin(&mut self) {
-        self.waits = None;
-        self.forget();
-    }
-
-    /// Nothing is known to be as it was said.
-    fn forget(&mut self) {
         self.whole = None;
         self.spans.clear();
         for point in self.points.values_mut() {
@@ -60,32 +49,9 @@ impl KnownSite {
         &self.points
     }
 
-    /// When the last heartbeat was said for which all is there.
-    pub(super) const fn vouched(&self) -> Option<Duration> {
-        self.vouched
-    }
-
     /// Whether all is there that a heartbeat vouches for.
     pub(super) fn has_all(&self, beat: &Beat) -> bool {
         self.epoch == beat.epoch && self.whole.is_some_and(|whole| whole >= beat.newest)
-    }
-
-    /// A heartbeat came that was said at this time. Returns whether all is there that it vouches
-    /// for.
-    pub(super) fn beat(&mut self, said: Duration, beat: &Beat) -> bool {
-        self.waits = Some((said, beat.epoch.clone(), beat.newest));
-        self.completes();
-        self.has_all(beat)
-    }
-
-    fn completes(&mut self) {
-        let Some((at, epoch, newest)) = &self.waits else {
-            return;
-        };
-        if *epoch == self.epoch && self.whole.is_some_and(|whole| whole >= *newest) {
-            self.vouched = Some(*at);
-            self.waits = None;
-        }
     }
 
     /// How every point is after an entry.
@@ -94,7 +60,7 @@ impl KnownSite {
             return;
         }
         if state.epoch != self.epoch {
-            self.forget();
+            self.begin();
             self.epoch = state.epoch;
         }
         if self.whole.is_some_and(|whole| whole > state.seq) {
@@ -103,12 +69,14 @@ impl KnownSite {
         }
         // What is not in it is there no longer, unless it was said later.
         self.points.retain(|_, point| point.seq > state.seq);
-        for entry in state.points {
-            self.tell(state.seq, entry);
-        }
         self.whole = Some(state.seq);
+        for entry in state.points {
+            if !self.tell(state.seq, entry) {
+                self.whole = None;
+                return;
+            }
+        }
         self.join();
-        self.completes();
     }
 
     /// Entries came.
@@ -137,7 +105,6 @@ impl KnownSite {
             // The state will have it.
             self.spans.pop_last();
         }
-        self.completes();
     }
 
     /// Spans that join on to what is whole belong to it.
