@@ -13,19 +13,19 @@ use crate::message::{
 };
 use crate::names::is_site_name;
 use crate::uplink::is_token;
+pub use known::KnownPoint;
 use known::KnownSite;
-pub use known::{KnownPoint, POINTS_MAX};
 use prost::Message as _;
 use session::{Admission, admit};
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
 
 /// A site is there for so long after a heartbeat: three of them, and a little.
-pub const ONLINE: Duration = Duration::from_secs(35);
+const ONLINE: Duration = Duration::from_secs(35);
 /// A machine that was heard within this time has its site; no other gets it.
-pub const TAKEN: Duration = Duration::from_secs(60);
+const TAKEN: Duration = Duration::from_secs(60);
 /// The most sites.
-pub const SITES_MAX: usize = 20_000;
+const SITES_MAX: usize = 20_000;
 /// How long a session that is not known may be reported in before it is looked what the last one
 /// is: its document may be on its way.
 const STRAY: Duration = Duration::from_secs(30);

@@ -17,11 +17,15 @@
 
 /// A day, in seconds.
 const DAY_S: u64 = 86_400;
+/// A site's key that is valid for less than this has to be renewed, in seconds: 30 days.
+pub const KEY_ENDS_SOON_S: i64 = 30 * 86_400;
 
 pub mod centre;
 mod certificates;
 mod claims;
 mod creds;
+#[cfg(test)]
+mod dice;
 pub mod founding;
 mod grants;
 pub mod message;

@@ -11,11 +11,11 @@ mod routes;
 mod view;
 
 use crate::listen::{self, ConnectionLimit};
-use crate::{Signals, deadline, say, system};
+use crate::{Asked, Signals, cut_off, deadline, listen_on_socket, no_socket, say};
 use driver::Driver;
 use link::HubFiles;
 use railbus_app::failure::Failure;
-use railbus_app::socket::{self, Socket};
+use railbus_app::socket;
 use railbus_words::{Code, Lang};
 use std::path::{Path, PathBuf};
 use tokio::sync::{mpsc, watch};
@@ -32,11 +32,7 @@ railbus_words::texts! {
         zh: "按 Ctrl-C 停止；各站点继续运行",
     }
     Connected { en: "connected to {server}", zh: "已连接 {server}" }
-    CantServe { en: "can't serve the fleet", zh: "无法运行站群中心" }
-    NoHubSocket {
-        en: "can't listen on the socket {path}",
-        zh: "无法监听套接字 {path}",
-    }
+    CantServeFleet { en: "can't run the centre", zh: "无法运行站群中心" }
 }
 
 /// The options of the centre.
@@ -58,13 +54,15 @@ pub fn run(lang: Lang, wanted: &HubOptions) -> Result<(), Failure> {
     tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()
-        .map_err(|error| system(lang, error))?
+        .map_err(|error| cant_serve(lang, error))?
         .block_on(serve(lang, wanted, files))
 }
 
 async fn serve(lang: Lang, wanted: &HubOptions, files: HubFiles) -> Result<(), Failure> {
-    let mut signals = Signals::new().map_err(|error| system(lang, error))?;
-    let socket = listen_on(lang, wanted.socket.as_deref())?;
+    let mut signals = Signals::new().map_err(|error| cant_serve(lang, error))?;
+    // Without its socket nobody could ask it.
+    let socket = listen_on_socket(lang, wanted.socket.as_deref(), socket::HUB)?
+        .map_err(|(path, error)| no_socket(lang, &path, &error))?;
     announce(lang, &wanted.folder, &files, socket.path());
     let (calls, asked) = mpsc::channel(CALLS_MAX);
     let (stop, stopped) = watch::channel(false);
@@ -74,10 +72,8 @@ async fn serve(lang: Lang, wanted: &HubOptions, files: HubFiles) -> Result<(), F
     let router = routes::router(calls);
     let listening = tokio::spawn(listen::unix(socket, router, limit.clone(), stopped));
     // There is no configuration to read again.
-    while signals.next().await != crate::Asked::Stop {}
-    deadline::after(deadline::END_MAX, move || {
-        std::process::exit(Code::CutOff.exit().into());
-    });
+    while signals.next().await != Asked::Stop {}
+    deadline::after(deadline::END_MAX, move || cut_off(lang));
     // Fails if there is no receiver left.
     let _ = stop.send(true);
     // Fails if one panicked, which was reported.
@@ -86,24 +82,9 @@ async fn serve(lang: Lang, wanted: &HubOptions, files: HubFiles) -> Result<(), F
     Ok(())
 }
 
-/// A socket that was named must be available; of the default ones, the first that is.
-fn listen_on(lang: Lang, named: Option<&Path>) -> Result<Socket, Failure> {
-    let places = match named {
-        Some(path) => vec![path.to_owned()],
-        None => socket::places(socket::HUB),
-    };
-    let mut refused = Failure::new(Code::Listen, lang.get(HubText::CantServe).to_owned());
-    for path in places {
-        match Socket::listen(lang, &path) {
-            Ok(socket) => return Ok(socket),
-            Err(error) => {
-                let path = path.display();
-                let message = lang.fill(HubText::NoHubSocket, &[("path", &path)]);
-                refused = Failure::new(Code::Listen, message).because(error);
-            }
-        }
-    }
-    Err(refused)
+/// The system refuses something that it usually grants.
+fn cant_serve(lang: Lang, error: std::io::Error) -> Failure {
+    Failure::new(Code::System, lang.get(HubText::CantServeFleet).to_owned()).because(error)
 }
 
 fn announce(lang: Lang, folder: &Path, files: &HubFiles, socket: &Path) {

@@ -346,7 +346,7 @@ async fn open_and_serve(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure
             .with_try("railbus serve --listen 127.0.0.1:0")
     })?;
     let address = tcp.local_addr().map_err(|error| system(lang, error))?;
-    let socket = listen_on_socket(lang, wanted)?;
+    let socket = listen_on_socket(lang, wanted.socket.as_deref(), socket::DAEMON)?;
     let source = Source::open(lang, wanted)?;
     let access = Gate::open(&source.state);
     let access = access.map_err(|problem| Failure::of_problem(lang, &problem))?;
@@ -431,11 +431,7 @@ async fn open_and_serve(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure
         () = notify.stay_alive() => {}
     }
     notify.tell(notify::STOPPING);
-    deadline::after(deadline::END_MAX, move || {
-        let failure = Failure::of(lang, Code::CutOff);
-        warn_of(lang, &failure);
-        std::process::exit(failure.code().exit().into());
-    });
+    deadline::after(deadline::END_MAX, move || cut_off(lang));
     // Fails if there is no receiver left.
     let _ = stop.send(true);
     for task in listening {
@@ -447,6 +443,13 @@ async fn open_and_serve(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure
     // Outlets are notified of the stop, too.
     tokio::join!(stores.close(&service), northbound.close());
     Ok(())
+}
+
+/// It did not end in time: the process ends anyway, and says so.
+fn cut_off(lang: Lang) {
+    let failure = Failure::of(lang, Code::CutOff);
+    warn_of(lang, &failure);
+    std::process::exit(failure.code().exit().into());
 }
 
 /// Certificate and key, if configured.
@@ -479,27 +482,33 @@ fn reload_tls(lang: Lang, tls: Option<&Tls>) {
     }
 }
 
-/// A socket that was named must be available; of the default ones, the first that is.
+/// Listens on the socket that is named, which must be available; otherwise on the first of the
+/// usual places of this name that is.
 fn listen_on_socket(
     lang: Lang,
-    wanted: &ServeOptions,
+    named: Option<&Path>,
+    name: &str,
 ) -> Result<Result<Socket, (PathBuf, std::io::Error)>, Failure> {
-    let named = |path: &Path| Socket::listen(lang, path).map_err(|error| (path.to_owned(), error));
-    if let Some(path) = &wanted.socket {
-        return named(path).map(Ok).map_err(|(path, error)| {
-            let path = path.display();
-            let message = lang.fill(GatewayText::NoSocket, &[("path", &path)]);
-            Failure::new(Code::Listen, message).because(error)
-        });
+    if let Some(path) = named {
+        let listening = Socket::listen(lang, path);
+        return listening
+            .map(Ok)
+            .map_err(|error| no_socket(lang, path, &error));
     }
     let mut tried = Err((PathBuf::new(), std::io::ErrorKind::NotFound.into()));
-    for path in socket::places(socket::DAEMON) {
-        tried = named(&path);
+    for path in socket::places(name) {
+        tried = Socket::listen(lang, &path).map_err(|error| (path, error));
         if tried.is_ok() {
             break;
         }
     }
     Ok(tried)
+}
+
+fn no_socket(lang: Lang, path: &Path, error: &std::io::Error) -> Failure {
+    let path = path.display();
+    let message = lang.fill(GatewayText::NoSocket, &[("path", &path)]);
+    Failure::new(Code::Listen, message).because(error)
 }
 
 /// Reloads the configuration. If it has errors they are reported, and everything stays as it was.

@@ -2,8 +2,10 @@
 
 use crate::northbound::broker::tls_reason;
 use async_nats::ConnectErrorKind;
+use futures_core::Stream;
 use railbus_api::problem::{Problem, codes};
 use std::error::Error as _;
+use std::pin::Pin;
 
 /// Why there is no connection.
 pub(crate) fn unreached(error: async_nats::ConnectError) -> Problem {
@@ -19,4 +21,9 @@ pub(crate) fn unreached(error: async_nats::ConnectError) -> Problem {
     let source = error.source().map(ToString::to_string);
     let reason = tls_reason(&error).or(source);
     Problem::new(code).with("reason", reason.unwrap_or_else(|| error.to_string()))
+}
+
+/// The next of a stream; none at its end. Cancel-safe.
+pub(crate) async fn next<S: Stream + Unpin>(from: &mut S) -> Option<S::Item> {
+    std::future::poll_fn(|context| Pin::new(&mut *from).poll_next(context)).await
 }

@@ -38,7 +38,12 @@ pub fn state(lang: Lang, on: bool) -> &'static str {
 
 /// The quality of a point's value, in a word, and its reason.
 pub fn quality(lang: Lang, point: &PointInfo) -> &'static str {
-    lang.get(match (point.quality, point.reason) {
+    quality_for(lang, point.quality, point.reason)
+}
+
+/// The same for a quality and its reason.
+pub fn quality_for(lang: Lang, quality: Quality, reason: Option<Reason>) -> &'static str {
+    lang.get(match (quality, reason) {
         (Quality::Good, _) => AppText::Good,
         (Quality::Stale, _) => AppText::Stale,
         (Quality::Bad, Some(Reason::NeverRead)) => AppText::NeverRead,

@@ -4,7 +4,7 @@ use crate::message::{Beat, DataBatch, DataEntry, DataKind, SiteState, UplinkRead
 use std::collections::BTreeMap;
 
 /// The most points of a site.
-pub const POINTS_MAX: usize = 20_000;
+pub(super) const POINTS_MAX: usize = 20_000;
 /// The longest path, and the longest value and reason, in bytes.
 const TEXT_MAX: usize = 256;
 /// The most spans of numbers that came before what is in front of them.

@@ -1,9 +1,11 @@
 //! Drives the centre.
 
 use super::HubText;
-use super::link::{HubFiles, Link, Opened, next};
+use super::link::{HubFiles, Link, Opened};
 use super::view;
 use crate::access::secret::{hex, random};
+use crate::listen;
+use crate::nats::next;
 use crate::northbound::broker::session::Tries;
 use crate::{warn, warn_of};
 use async_nats::jetstream::Context;
@@ -96,7 +98,7 @@ fn ended(reason: &dyn ToString) -> Problem {
     Problem::new(codes::FLEET_ENDED).with("reason", reason.to_string())
 }
 
-/// The name of a site in a subject that begins with two other words, or three.
+/// The site in a subject: its word at this place, from 0.
 fn site_of(subject: &str, at: usize) -> &str {
     subject.split('.').nth(at).unwrap_or_default()
 }
@@ -159,7 +161,7 @@ impl Driver {
         let mut what = std::pin::pin!(what);
         loop {
             tokio::select! {
-                () = stop(&mut self.stopped) => return None,
+                () = listen::ended(&mut self.stopped) => return None,
                 end = &mut what => return Some(end),
                 call = self.calls.recv() => self.answer(call?),
             }
@@ -213,7 +215,7 @@ impl Driver {
             let mut stopped = self.stopped.clone();
             let driven = tokio::select! {
                 // A server that takes nothing must not hold up the end.
-                () = stop(&mut stopped) => return LinkEnd::Stopped,
+                () = listen::ended(&mut stopped) => return LinkEnd::Stopped,
                 driven = self.drive(link) => driven,
             };
             if let Err(problem) = driven {
@@ -249,7 +251,7 @@ impl Driver {
     async fn next(&mut self, link: &mut Link) -> Heard {
         let broken = |reason: &dyn ToString| Heard::Ended(LinkEnd::Broken(ended(reason)));
         tokio::select! {
-            () = stop(&mut self.stopped) => Heard::Ended(LinkEnd::Stopped),
+            () = listen::ended(&mut self.stopped) => Heard::Ended(LinkEnd::Stopped),
             _ = link.is_up.wait_for(|is_up| !is_up) => broken(&"disconnected"),
             hello = next(&mut link.hellos) => hello.map_or_else(|| broken(&"closed"), Heard::Hello),
             said = next(&mut link.said) => said.map_or_else(|| broken(&"closed"), Heard::Said),
@@ -428,10 +430,4 @@ fn since_boot() -> Duration {
     let time = clock_gettime(ClockId::Boottime);
     let seconds = u64::try_from(time.tv_sec).unwrap_or_default();
     Duration::new(seconds, u32::try_from(time.tv_nsec).unwrap_or_default())
-}
-
-/// Waits until it is to stop.
-async fn stop(stopped: &mut watch::Receiver<bool>) {
-    // Fails where there is nobody left who could say so.
-    let _ = stopped.wait_for(|stopped| *stopped).await;
 }

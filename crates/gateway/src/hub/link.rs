@@ -1,16 +1,14 @@
 //! The centre's connection to its servers, and the streams it has there.
 
-use crate::nats::unreached;
+use crate::nats::{next, unreached};
 use crate::northbound::broker::trusting;
 use async_nats::jetstream::consumer::pull::{Ordered, OrderedConfig};
 use async_nats::jetstream::consumer::{Consumer, DeliverPolicy};
 use async_nats::jetstream::stream::{Config as StreamConfig, Stream as NatsStream};
 use async_nats::jetstream::{self, Context};
 use async_nats::{Client, ConnectOptions, Event, Subscriber};
-use futures_core::Stream;
 use railbus_api::problem::{Problem, codes};
 use std::path::{Path, PathBuf};
-use std::pin::Pin;
 use std::time::Duration;
 use tokio::sync::watch;
 
@@ -250,9 +248,4 @@ async fn read_last(
         ));
     }
     Ok(messages)
-}
-
-/// The next of a stream; none at its end. Can be dropped.
-pub(super) async fn next<S: Stream + Unpin>(from: &mut S) -> Option<S::Item> {
-    std::future::poll_fn(|context| Pin::new(&mut *from).poll_next(context)).await
 }

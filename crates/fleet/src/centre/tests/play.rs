@@ -3,6 +3,7 @@
 //! restarts of all. A judge knows what each machine recorded, and when.
 
 use crate::centre::{Centre, CentreInput, CentreOutput, LeaseEnd, ONLINE, SitePresence};
+use crate::dice::Dice;
 use crate::message::{SessionLease, UplinkValue};
 use crate::uplink::tests::{Site, identity_of};
 use crate::uplink::{UpMessage, Uplink, UplinkInput, UplinkOutput};
@@ -24,18 +25,6 @@ const STORED: [(&str, &[u8]); 2] = [
     ("data", br#"{"stream":"DATA","seq":1}"#),
     ("state", br#"{"stream":"STATE","seq":1}"#),
 ];
-
-struct Dice(u64);
-
-impl Dice {
-    fn roll(&mut self, sides: u64) -> u64 {
-        self.0 = self
-            .0
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1);
-        (self.0 >> 33) % sides
-    }
-}
 
 /// What is on its way.
 enum Coming {

@@ -1,6 +1,7 @@
 //! What is known of points.
 
 use super::*;
+use crate::centre::known::POINTS_MAX;
 
 #[test]
 fn points_are_known_where_all_is_there_that_a_heartbeat_vouches_for() {

@@ -1,6 +1,7 @@
 //! The way to the centre in virtual time, from a seed, with everything that can go wrong on it.
 
 use super::{Disk, Site, TAKEN_IN, identity};
+use crate::dice::Dice;
 use crate::message::{Beat, DataBatch, DataEntry, FleetRefusal, HelloAnswer, SiteState, Welcome};
 use crate::uplink::{MESSAGE_MAX, NoResend, Session, UpMessage, Uplink, UplinkInput, UplinkOutput};
 use prost::Message as _;
@@ -8,19 +9,6 @@ use railbus_store::outbox::{OutboxEntry, Piece};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
-
-/// Numbers from a seed.
-struct Dice(u64);
-
-impl Dice {
-    fn roll(&mut self, sides: u64) -> u64 {
-        self.0 = self
-            .0
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1);
-        (self.0 >> 33) % sides
-    }
-}
 
 /// The centre as it should be written: what is true of the one point is what its entry with the
 /// highest number says.

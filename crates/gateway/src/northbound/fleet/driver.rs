@@ -2,19 +2,19 @@
 
 use super::connection::{Connection, LinkState, RECONNECT_MAX};
 use crate::access::secret::random;
+use crate::nats::next;
 use crate::northbound::broker::session::Tries;
 use crate::northbound::outbox::{self, OutboxHandle, OutboxState, Reading, StateAt};
 use crate::northbound::outlet::Outlet;
 use async_nats::{HeaderMap, Message, StatusCode, Subscriber};
-use futures_core::Stream;
 use prost::Message as _;
 use railbus_api::problem::{Problem, codes};
-use railbus_fleet::SiteClaims;
 use railbus_fleet::message::{FleetRefusal, Resend, ResendAnswer};
 use railbus_fleet::uplink::{
     NoResend, OutboxHead, READ_MAX, SiteIdentity, UpMessage, Uplink, UplinkFault, UplinkInput,
     UplinkOutput,
 };
+use railbus_fleet::{KEY_ENDS_SOON_S, SiteClaims};
 use railbus_store::durable;
 use railbus_store::history::millis;
 use std::io::ErrorKind;
@@ -30,8 +30,6 @@ const LINGER: Duration = Duration::from_secs(1);
 const CLOSE_MAX: Duration = Duration::from_secs(2);
 /// How often it is looked whether a disk still hangs.
 const LOOK: Duration = Duration::from_secs(1);
-/// A key that is valid for less than this is said to end soon, in seconds: a month.
-const KEY_ENDS_SOON_S: i64 = 30 * 86_400;
 /// Every installation has its own number.
 const INSTALLATION_LEN: usize = 16;
 
@@ -141,7 +139,7 @@ impl Driver {
             let problem = match opened {
                 Err(problem) => problem,
                 Ok((connection, claims)) => {
-                    self.known(claims);
+                    self.set_claims(claims);
                     let end = self.serve(connection, stopped.as_mut()).await;
                     self.asked = None;
                     self.handle(UplinkInput::Lost);
@@ -239,7 +237,7 @@ impl Driver {
     }
 
     /// What its credentials say.
-    fn known(&mut self, claims: SiteClaims) {
+    fn set_claims(&mut self, claims: SiteClaims) {
         let expires = claims.expires.and_then(|at| i64::try_from(at).ok());
         self.uplink.is_site(claims.site, expires);
         let now = millis(SystemTime::now()) / 1_000;
@@ -399,12 +397,12 @@ fn head(state: OutboxState) -> OutboxHead {
     }
 }
 
-/// The next message; never, where nothing is listened to. Can be dropped.
+/// The next message; never, where nothing is listened to. Cancel-safe.
 async fn message(from: Option<&mut Subscriber>) -> Option<Message> {
-    let Some(from) = from else {
-        return std::future::pending().await;
-    };
-    std::future::poll_fn(|context| Pin::new(&mut *from).poll_next(context)).await
+    match from {
+        Some(from) => next(from).await,
+        None => std::future::pending().await,
+    }
 }
 
 async fn publish(connection: &Connection, message: UpMessage) -> Result<(), Problem> {

@@ -5,7 +5,6 @@ use super::ls::ago;
 use crate::commands::{Context, ls};
 use clap::{Arg, ArgMatches, Command};
 use railbus_api::fleet::{FleetPoint, FleetSite};
-use railbus_api::types::Quality;
 use railbus_app::failure::Failure;
 use railbus_app::render::records::Records;
 use railbus_app::render::table::Table;
@@ -88,21 +87,19 @@ fn value(lang: Lang, value: Option<&Value>) -> String {
 }
 
 fn quality(lang: Lang, point: &FleetPoint) -> String {
-    let reason = match point.reason.as_deref() {
-        Some("site_offline") => lang.get(FleetText::SiteOffline),
-        Some("site_unknown") => lang.get(FleetText::SiteUnknown),
-        Some("incomplete") => lang.get(FleetText::Incomplete),
-        Some(other) => other,
-        None => "",
+    let of_site = match point.reason.as_deref() {
+        Some("site_offline") => Some(FleetText::SiteOffline),
+        Some("site_unknown") => Some(FleetText::SiteUnknown),
+        Some("incomplete") => Some(FleetText::Incomplete),
+        _ => None,
     };
-    let word = lang.get(match point.quality {
-        Quality::Good => AppText::Good,
-        Quality::Stale => AppText::Stale,
-        Quality::Bad => AppText::Bad,
-    });
-    match reason {
-        "" => word.to_owned(),
-        reason => format!("{word}{}{reason}", lang.get(AppText::Comma)),
+    // A reason of a newer site has no word here.
+    let reason = point.reason.clone().map(Value::String);
+    let reason = reason.and_then(|reason| serde_json::from_value(reason).ok());
+    let word = values::quality_for(lang, point.quality, reason);
+    match of_site {
+        None => word.to_owned(),
+        Some(why) => format!("{word}{}{}", lang.get(AppText::Comma), lang.get(why)),
     }
 }
 

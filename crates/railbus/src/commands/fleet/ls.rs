@@ -10,6 +10,7 @@ use railbus_app::render::out;
 use railbus_app::render::records::Records;
 use railbus_app::render::table::Table;
 use railbus_app::texts::AppText;
+use railbus_fleet::KEY_ENDS_SOON_S;
 use railbus_words::{Lang, time};
 
 /// The name of the command.
@@ -17,9 +18,6 @@ pub(super) const NAME: &str = "ls";
 
 /// A clock that is off by more than this is said to be, in milliseconds.
 const CLOCK_OFF_MS: u64 = 2_000;
-
-/// A key that is valid for less than this is said to end, in seconds: a month.
-const KEY_ENDS_SOON_S: i64 = 30 * 86_400;
 
 /// Its parser and help.
 pub(super) fn define(lang: Lang) -> Command {
