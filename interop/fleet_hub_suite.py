@@ -20,7 +20,7 @@ from rig import Tally
 
 # A site that is silent for so long is offline, in seconds.
 ONLINE = 35.0
-# A centre that does nothing for so long stood still, in seconds.
+# How long the centre is suspended, in seconds.
 STILL = 7.0
 # The keys of sites by others are valid for so long, in seconds.
 KEY_ENDS = 5 * 86_400
@@ -255,13 +255,13 @@ def dies(s, hub):
     s.check(entry, (s.state()[0], s.outlet()["since"]), ("running", session), "unnoticed")
 
 
-def stands_still(s, hub):
-    """What waited for a centre that stood still is not taken for new."""
-    entry = "a centre that stands still"
+def suspended(s, hub):
+    """Messages queued while the centre was suspended are not taken for fresh ones."""
+    entry = "a centre that is suspended"
     hub.process.send_signal(signal.SIGSTOP)
     time.sleep(STILL)
     hub.process.send_signal(signal.SIGCONT)
-    told = lambda: "stood still" in hub.said.read_text(encoding="utf-8")
+    told = lambda: "was suspended" in hub.said.read_text(encoding="utf-8")
     s.check(entry, until(told), True, "it says so")
     is_so(s, entry, lambda: hub.site(SITE)["current"], True, "it begins anew")
 
@@ -275,7 +275,7 @@ def copied(s, hub, site):
     site.beat(first)
     is_so(s, entry, lambda: hub.site(site.name)["presence"], "online", "there")
     s.check(entry, site.hello(2, 7), taken, "another installation")
-    s.check(entry, "copy_ms" in hub.site(site.name), True, "it is said")
+    s.check(entry, "duplicate_ms" in hub.site(site.name), True, "it is said")
     again = site.hello(1, 1)
     s.check(entry, (len(again), again != first), (32, True), "the same run again")
     site.beat(again)
@@ -294,7 +294,7 @@ def copied(s, hub, site):
     s.check(entry, (restarted, "end") in site.asked, False, "the present session")
     _, said, _ = hub.run("ls", "-o", "json")
     shown = next(each for each in json.loads(said)["sites"] if each["site"] == site.name)
-    s.check(entry, "copy_ms" in shown, True, "railbus fleet ls")
+    s.check(entry, "duplicate_ms" in shown, True, "railbus fleet ls")
     day = time.strftime("%Y-%m-%d", time.gmtime(site.key_ends))
     s.check(entry, shown["key_until"][:10], day, "until when its key is valid")
     _, said, _ = hub.run("ls")
@@ -418,7 +418,7 @@ def suite():
             with Plant(fleet, None, tally) as s:
                 knows(s, hub)
                 dies(s, hub)
-                stands_still(s, hub)
+                suspended(s, hub)
                 site = Site(fleet, "plant8")
                 session = copied(s, hub, site)
                 incomplete(s, hub, site, session)

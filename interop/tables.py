@@ -709,7 +709,7 @@ credentials that are replaced
 FLEET_HUB = """
 a site and the centre
 a centre that dies
-a centre that stands still
+a centre that is suspended
 machines with one key
 not all has arrived
 a site that is silent

@@ -74,7 +74,7 @@ pub struct FleetSite {
     /// How long ago another machine with its key asked to be this site, in milliseconds, and was
     /// refused.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub copy_ms: Option<u64>,
+    pub duplicate_ms: Option<u64>,
 }
 
 /// `GET /fleet/v1/sites/{site}`: a site with its points.

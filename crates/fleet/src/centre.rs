@@ -1,9 +1,9 @@
 //! The centre's end of its connections to sites, without I/O: which machine is which site, which
 //! sites are there, and what is known of their points.
 //!
-//! A site is one machine: the one that has its session. A session is given under a number of the
-//! document that says so, so that of two centres that give one at once only one succeeds. What is
-//! said outside the present session counts for nothing.
+//! A site is one machine: the one that has its session. Sessions are documents written by
+//! compare-and-set, so when two centres grant one at the same time, only one succeeds. Messages
+//! from any other session are ignored.
 
 mod known;
 mod session;
@@ -20,97 +20,97 @@ use session::{Admission, admit};
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
 
-/// A site is there for so long after a heartbeat: three of them, and a little.
+/// A site is offline when no heartbeat came for this long: three of them and some slack.
 const ONLINE: Duration = Duration::from_secs(35);
-/// A machine that was heard within this time has its site; no other gets it.
+/// While its machine was heard within this time, no other machine gets the session of a site.
 const TAKEN: Duration = Duration::from_secs(60);
 /// The most sites.
 const SITES_MAX: usize = 20_000;
-/// How long a session that is not known may be reported in before it is looked what the last one
-/// is: its document may be on its way.
+/// How long heartbeats may come in an unknown session before the latest lease is read: it may still
+/// be on its way from another centre.
 const STRAY: Duration = Duration::from_secs(30);
-/// For how long at the least the fastest heartbeat of a session is remembered, and twice as long at
-/// the most: clocks drift, and machines that sleep have another time afterwards.
+/// How long the fastest heartbeat of a session is remembered, up to twice this time. Not longer:
+/// clocks drift, and the monotonic clock stops while a machine sleeps.
 const FASTEST: Duration = Duration::from_secs(300);
 /// The longest message with entries, and the longest request for a session, in bytes.
 const BATCH_MAX: usize = 128 << 10;
 const HELLO_MAX: usize = 1_024;
-/// The length of the numbers of installations and runs, in bytes.
+/// The length of installation and boot ids, in bytes.
 const NUMBER_LEN: usize = 16;
-/// What a heartbeat vouches for may arrive so long after it.
+/// How long data that a heartbeat vouches for may arrive after it.
 const LACKS: Duration = Duration::from_secs(5);
-/// The interval in which a site is asked how all its points are.
+/// The minimum interval between requests for a site's state.
 const ASKED_AGAIN: Duration = Duration::from_secs(60);
-/// The most sessions that are being given.
+/// The maximum number of sessions being granted.
 const GRANTS_MAX: usize = 4_096;
-/// How many earlier runs of a machine are remembered.
+/// How many earlier runs a lease lists.
 const BEFORE_MAX: usize = 8;
 
 /// What happened.
 #[derive(Debug)]
 pub enum CentreInput<'i> {
-    /// From now on all is heard.
+    /// The centre is subscribed.
     Connected,
-    /// Nothing is heard any more. Documents that come before the next
-    /// [`CentreInput::Connected`] are those that there are.
+    /// The connection is lost. Leases passed in before the next [`CentreInput::Connected`] are the
+    /// latest ones, whatever their revision.
     Lost,
-    /// A site asks for its session: the number of the request, its name, what it said, and the name
-    /// that a new session gets, which nobody can guess.
+    /// A site requests its session: request number, site, payload, and an unguessable name for the
+    /// new session.
     Hello(u64, &'i str, &'i [u8], String),
-    /// What a site said, and the last word of the subject.
+    /// A message of a site: site, last word of the subject, payload.
     Said(&'i str, &'i str, &'i [u8]),
-    /// The document of a site's session, and its number.
+    /// The lease of a site: site, document, revision.
     Lease(&'i str, &'i [u8], u64),
-    /// What became of the document that was asked for under this number.
+    /// The result of [`CentreOutput::Store`] with this request number.
     Stored(u64, LeaseEnd),
-    /// The last document of this site, and its number; none if there is none, or [`None`] if that
-    /// can't be known now.
-    Looked(&'i str, Option<Option<(&'i [u8], u64)>>),
+    /// The result of [`CentreOutput::ReadLease`]: [`None`] if reading failed, `Some(None)` if there
+    /// is no lease, otherwise document and revision.
+    LeaseRead(&'i str, Option<Option<(&'i [u8], u64)>>),
 }
 
-/// What became of a document that was to be stored.
+/// The result of storing a lease.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LeaseEnd {
-    /// It is stored with this number.
+    /// Stored with this revision.
     Stored(u64),
-    /// Another one was stored before it.
-    Raced,
-    /// That is not known: it may be stored later.
+    /// Another lease was stored first.
+    Conflict,
+    /// Unknown: it may still be stored later.
     Unknown,
 }
 
 /// What is to be done.
 #[derive(Debug, PartialEq)]
 pub enum CentreOutput {
-    /// The answer to the request with this number.
+    /// Reply to this request.
     Reply(u64, Vec<u8>),
-    /// The document of a session is stored if the last one of its site has this number, 0 for none.
+    /// Store a lease, provided the site's latest revision is `after`.
     Store {
-        /// The number of the request.
+        /// The request number.
         number: u64,
-        /// Where it is stored.
+        /// The subject.
         subject: String,
         /// The document.
         payload: Vec<u8>,
-        /// The number of the last one.
+        /// The expected latest revision, 0 for none.
         after: u64,
     },
-    /// The request with this number gets no answer. Whoever asked asks again.
-    Ignore(u64),
-    /// The last document of this site's session is read.
-    Look(String),
-    /// A site is asked at this subject, without content; its answer is of no importance.
-    Ask(String),
+    /// Drop this request without a reply: the site retries.
+    Drop(u64),
+    /// Read the latest lease of this site from the leader of the stream.
+    ReadLease(String),
+    /// Send an empty request to this subject; the reply does not matter.
+    Request(String),
 }
 
-/// Whether a site is there.
+/// Whether a site is connected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SitePresence {
-    /// The centre has not been listening for long enough to say.
+    /// The centre is not connected, or not long enough to tell.
     Unknown,
-    /// Its heartbeats come.
+    /// Its heartbeats arrive.
     Online,
-    /// They don't.
+    /// They do not.
     Offline,
 }
 
@@ -119,57 +119,56 @@ pub enum SitePresence {
 pub struct SiteView<'c> {
     /// Its name.
     pub name: &'c str,
-    /// Whether it is there.
+    /// Whether it is connected.
     pub presence: SitePresence,
-    /// How long ago its last heartbeat of this session came.
+    /// The age of the last heartbeat of this session, by arrival.
     pub heard: Option<Duration>,
-    /// Its points are as they are shown: it is there, and all that its last heartbeat vouches for
-    /// has arrived, and was said not long ago.
+    /// The values are current: the site is online, everything its last heartbeat vouches for has
+    /// arrived, and that heartbeat was sent less than 35 s ago.
     pub is_current: bool,
-    /// How long ago its points were as they are shown, or later.
+    /// The age of the values: how long ago the heartbeat that last confirmed all of them was sent.
     pub vouched: Option<Duration>,
-    /// How many entries its servers still had to get at its last heartbeat; none unless it is
-    /// there.
+    /// How many entries were not delivered at its last heartbeat; none unless online.
     pub behind: Option<u64>,
-    /// By how many milliseconds its clock is ahead of the centre's, give or take what a message
-    /// takes; none unless it is there.
+    /// How far its clock is ahead of the centre's, in milliseconds, not corrected for the latency
+    /// of a message; none unless online.
     pub clock_ahead_ms: Option<i64>,
-    /// The version of railbus there.
+    /// Its version of railbus.
     pub version: &'c str,
     /// Until when its key is valid, in seconds since 1970; none where it does not expire.
     pub key_expires_s: Option<i64>,
-    /// How long ago another machine with its key asked for its session, and did not get it.
-    pub copy: Option<Duration>,
+    /// How long ago another machine with the site's key was refused the session.
+    pub duplicate: Option<Duration>,
     /// Its points, by path.
     pub points: &'c BTreeMap<String, KnownPoint>,
 }
 
-/// Which machine is the site now.
+/// The machine that has the session.
 #[derive(Clone, Debug)]
 struct Holder {
     lease: SessionLease,
-    /// The number of its document.
+    /// The stream sequence of the lease.
     revision: u64,
-    /// Since when this process knows.
+    /// When this process learnt of it.
     since: Duration,
 }
 
 /// The last heartbeat of the present session.
 #[derive(Clone, Debug)]
 struct HeardBeat {
-    /// When it came.
+    /// When it arrived.
     at: Duration,
-    /// When it was said, but for the time that the fastest one took. One that was late does not
-    /// make the site's values younger: it was on its way for as much longer as it came later than
-    /// the fastest one, or for as long as what was said before it waits for an answer.
+    /// When it was sent, estimated, so that a delayed heartbeat does not make values look fresher
+    /// than they are. Its delay is what it took longer than the fastest heartbeat, or how long
+    /// earlier messages of the site have been waiting for an acknowledgement, if that is longer.
     said: Duration,
     fastest: Fastest,
     beat: Beat,
     clock_ahead_ms: i64,
 }
 
-/// The fastest heartbeats of this time and the one before: the least difference between the
-/// centre's time and the site's, in milliseconds.
+/// The smallest difference between the centre's time and the site's in this window and the one
+/// before, in milliseconds.
 #[derive(Clone, Copy, Debug)]
 struct Fastest {
     since: Duration,
@@ -177,14 +176,14 @@ struct Fastest {
     before_ms: i128,
 }
 
-/// A session that is being given: whose request it answers, and what that said.
+/// A session being granted.
 #[derive(Debug)]
 struct Grant {
     site: String,
     lease: SessionLease,
     hello: Vec<u8>,
-    /// It was decided before by a document that was not the last one.
-    is_again: bool,
+    /// The first attempt was decided by an outdated lease.
+    is_retry: bool,
 }
 
 #[derive(Debug, Default)]
@@ -192,36 +191,36 @@ struct CentreSite {
     holder: Option<Holder>,
     beat: Option<HeardBeat>,
     known: KnownSite,
-    /// How all points are, of a session that is not known yet, as it was said.
-    early: Vec<u8>,
-    /// A session that is not known and was reported in last, and since when any is.
-    stray: Option<(String, Duration)>,
-    /// The number of the last document when it was asked which one that is.
-    looks: Option<u64>,
-    /// A request that is decided again then: its number, what it said, and the name of the session.
-    again: Option<(u64, Vec<u8>, String)>,
-    /// When another machine asked last.
-    copy: Option<Duration>,
-    /// When the last heartbeat was sent whose values are all there.
+    /// The last state of an unknown session, encoded.
+    early_state: Vec<u8>,
+    /// The latest unknown session, and since when heartbeats come in unknown ones.
+    unknown: Option<(String, Duration)>,
+    /// The latest lease is being read; the known revision when that began.
+    reading_lease: Option<u64>,
+    /// A request to decide again after that: number, payload, and name of the session.
+    retry: Option<(u64, Vec<u8>, String)>,
+    /// When another machine was last refused.
+    duplicate: Option<Duration>,
+    /// When the last heartbeat that confirmed all values was sent.
     vouched: Option<Duration>,
-    /// Since when something is missing that a heartbeat vouches for.
-    lacks: Option<Duration>,
-    /// When it was asked last how its points are.
-    asked: Option<Duration>,
+    /// Since when data is missing that a heartbeat vouches for.
+    incomplete_since: Option<Duration>,
+    /// When its state was last requested.
+    state_requested: Option<Duration>,
 }
 
-/// All sites of a fleet, as one process of the centre knows them.
+/// All sites of a fleet, as one centre process knows them.
 #[derive(Debug, Default)]
 pub struct Centre {
     sites: BTreeMap<String, CentreSite>,
-    /// Since when all is heard.
+    /// Since when the centre is subscribed.
     listens: Option<Duration>,
     grants: BTreeMap<u64, Grant>,
     outputs: VecDeque<CentreOutput>,
     /// The wall clock, in milliseconds since 1970.
     clock_ms: i64,
-    /// How many messages were not understood.
-    bad: u64,
+    /// How many messages could not be decoded.
+    unreadable: u64,
 }
 
 impl Centre {
@@ -240,10 +239,10 @@ impl Centre {
             }
             CentreInput::Said(site, what, payload) => self.said(now, site, what, payload),
             CentreInput::Lease(site, payload, revision) => {
-                self.document(now, site, (payload, revision), false);
+                self.lease_document(now, site, (payload, revision), false);
             }
             CentreInput::Stored(number, end) => self.stored(now, number, end),
-            CentreInput::Looked(site, found) => self.looked(now, site, found),
+            CentreInput::LeaseRead(site, found) => self.lease_read(now, site, found),
         }
     }
 
@@ -252,13 +251,13 @@ impl Centre {
         self.outputs.pop_front()
     }
 
-    /// How many messages were not understood.
+    /// How many messages could not be decoded.
     #[must_use]
-    pub const fn bad(&self) -> u64 {
-        self.bad
+    pub const fn unreadable(&self) -> u64 {
+        self.unreadable
     }
 
-    /// Whether anything is heard.
+    /// Whether the centre is subscribed.
     #[must_use]
     pub const fn is_connected(&self) -> bool {
         self.listens.is_some()
@@ -303,7 +302,7 @@ impl Centre {
             clock_ahead_ms: present.map(|beat| beat.clock_ahead_ms),
             version: lease.map_or("", |lease| &lease.version),
             key_expires_s: lease.and_then(|lease| lease.key_expires_s),
-            copy: site.copy.map(ago),
+            duplicate: site.duplicate.map(ago),
             points: site.known.points(),
         }
     }
@@ -317,16 +316,16 @@ impl Centre {
         Some(self.sites.entry(name.to_owned()).or_default())
     }
 
-    /// What was heard is no longer so, and any document may be the last one.
+    /// The connection is lost: presence is unknown, and any lease may be the latest.
     fn lost(&mut self) {
         self.listens = None;
         self.outputs.clear();
         self.grants.clear();
         for site in self.sites.values_mut() {
             site.beat = None;
-            site.lacks = None;
-            site.looks = None;
-            site.again = None;
+            site.incomplete_since = None;
+            site.reading_lease = None;
+            site.retry = None;
             if let Some(holder) = &mut site.holder {
                 holder.revision = 0;
             }
@@ -339,23 +338,23 @@ impl Centre {
         now: Duration,
         number: u64,
         (name, payload, session): (&str, &[u8], String),
-        is_again: bool,
+        is_retry: bool,
     ) {
         let hello = (payload.len() <= HELLO_MAX).then(|| Hello::decode(payload).ok());
         let is_fit = |hello: &Hello| {
             hello.installation.len() == NUMBER_LEN && hello.boot.len() == NUMBER_LEN
         };
         let Some(hello) = hello.flatten().filter(is_fit) else {
-            self.bad += 1;
-            return self.outputs.push_back(CentreOutput::Ignore(number));
+            self.unreadable += 1;
+            return self.outputs.push_back(CentreOutput::Drop(number));
         };
         let is_pending = self.grants.values().any(|grant| grant.site == name);
         let is_full = self.grants.len() >= GRANTS_MAX;
         let (listens, clock_ms) = (self.listens, self.clock_ms);
         let site = self.entry(name);
-        let site = site.filter(|site| !is_pending && !is_full && site.again.is_none());
+        let site = site.filter(|site| !is_pending && !is_full && site.retry.is_none());
         let Some(site) = site else {
-            return self.outputs.push_back(CentreOutput::Ignore(number));
+            return self.outputs.push_back(CentreOutput::Drop(number));
         };
         let beat = site.beat.as_ref().map(|beat| beat.at);
         let holder = site.holder.as_ref();
@@ -364,16 +363,16 @@ impl Centre {
         let after = holder.map_or(0, |holder| holder.revision);
         let before = match admission {
             Admission::Taken => {
-                site.copy = Some(now);
-                return self.refuses(number, "another machine reports as this site");
+                site.duplicate = Some(now);
+                return self.refuse(number, "another machine reports as this site");
             }
             Admission::NotKnown => {
-                return self.refuses(
+                return self.refuse(
                     number,
                     "whether another machine reports as this site is not known yet",
                 );
             }
-            Admission::Older => return self.outputs.push_back(CentreOutput::Ignore(number)),
+            Admission::Older => return self.outputs.push_back(CentreOutput::Drop(number)),
             Admission::Admitted(before) => before,
         };
         let lease = SessionLease {
@@ -396,20 +395,20 @@ impl Centre {
             site: name.to_owned(),
             lease,
             hello: payload.to_vec(),
-            is_again,
+            is_retry,
         };
         self.grants.insert(number, grant);
     }
 
-    fn refuses(&mut self, number: u64, reason: &str) {
+    fn refuse(&mut self, number: u64, reason: &str) {
         let refusal = FleetRefusal {
             code: "E0935".to_owned(),
             reason: reason.to_owned(),
         };
-        self.replies(number, HelloAnswer::Refusal(refusal));
+        self.reply(number, HelloAnswer::Refusal(refusal));
     }
 
-    fn replies(&mut self, number: u64, answer: HelloAnswer) {
+    fn reply(&mut self, number: u64, answer: HelloAnswer) {
         let answer = Some(answer);
         let reply = CentreOutput::Reply(number, Welcome { answer }.encode_to_vec());
         self.outputs.push_back(reply);
@@ -423,47 +422,52 @@ impl Centre {
         match end {
             LeaseEnd::Stored(revision) => {
                 let lease = grant.lease;
-                self.holds(now, &name, (lease, revision), false);
+                self.set_holder(now, &name, (lease, revision), false);
                 let site = self.sites.get(&name);
-                // Another one may have been given meanwhile.
+                // Another session may have been granted meanwhile.
                 if site.is_some_and(|site| site.is_in(&session)) {
-                    return self.replies(number, HelloAnswer::Session(session));
+                    return self.reply(number, HelloAnswer::Session(session));
                 }
             }
-            // There is a document that this process has not heard of.
-            LeaseEnd::Raced if !grant.is_again => {
+            // There is a newer lease that has not arrived here yet.
+            LeaseEnd::Conflict if !grant.is_retry => {
                 if let Some(site) = self.sites.get_mut(&name) {
-                    site.again = Some((number, grant.hello, session));
-                    return self.look(&name);
+                    site.retry = Some((number, grant.hello, session));
+                    return self.read_lease(&name);
                 }
             }
-            LeaseEnd::Raced | LeaseEnd::Unknown => {}
+            LeaseEnd::Conflict | LeaseEnd::Unknown => {}
         }
-        // It asks again. If the document is stored after all, it comes as one.
-        self.outputs.push_back(CentreOutput::Ignore(number));
+        // The site retries. If the lease is stored after all, it arrives as one.
+        self.outputs.push_back(CentreOutput::Drop(number));
     }
 
-    fn look(&mut self, name: &str) {
-        if let Some(site) = self.sites.get_mut(name).filter(|site| site.looks.is_none()) {
-            site.looks = Some(site.holder.as_ref().map_or(0, |holder| holder.revision));
-            self.outputs.push_back(CentreOutput::Look(name.to_owned()));
+    fn read_lease(&mut self, name: &str) {
+        if let Some(site) = self
+            .sites
+            .get_mut(name)
+            .filter(|site| site.reading_lease.is_none())
+        {
+            site.reading_lease = Some(site.holder.as_ref().map_or(0, |holder| holder.revision));
+            self.outputs
+                .push_back(CentreOutput::ReadLease(name.to_owned()));
         }
     }
 
-    /// Which document is the last one.
-    fn looked(&mut self, now: Duration, name: &str, found: Option<Option<(&[u8], u64)>>) {
+    /// The latest lease was read.
+    fn lease_read(&mut self, now: Duration, name: &str, found: Option<Option<(&[u8], u64)>>) {
         let Some(site) = self.sites.get_mut(name) else {
             return;
         };
-        let Some(looks) = site.looks.take() else {
+        let Some(looks) = site.reading_lease.take() else {
             return;
         };
         let revision = site.holder.as_ref().map_or(0, |holder| holder.revision);
-        let (again, stray) = (site.again.take(), site.stray.take());
-        // One that came meanwhile may be a later one.
+        let (again, stray) = (site.retry.take(), site.unknown.take());
+        // A newer lease may have arrived in between.
         if let (Some(found), true) = (found, revision == looks) {
             match found {
-                Some(document) => self.document(now, name, document, true),
+                Some(document) => self.lease_document(now, name, document, true),
                 None => {
                     if let Some(holder) = &mut site.holder {
                         holder.revision = 0;
@@ -473,7 +477,7 @@ impl Centre {
             let site = self.sites.get(name);
             let stray = stray.filter(|(stray, _)| site.is_some_and(|site| !site.is_in(stray)));
             if let Some((stray, _)) = stray {
-                self.ends(name, &stray);
+                self.end_session(name, &stray);
             }
         }
         if let Some((number, payload, session)) = again {
@@ -481,8 +485,8 @@ impl Centre {
         }
     }
 
-    /// A document that is there; the last one, if that is certain.
-    fn document(
+    /// A lease arrived; `is_last` if it is known to be the latest.
+    fn lease_document(
         &mut self,
         now: Duration,
         name: &str,
@@ -490,13 +494,13 @@ impl Centre {
         is_last: bool,
     ) {
         match SessionLease::decode(payload) {
-            Ok(lease) => self.holds(now, name, (lease, revision), is_last),
-            Err(_) => self.bad += 1,
+            Ok(lease) => self.set_holder(now, name, (lease, revision), is_last),
+            Err(_) => self.unreadable += 1,
         }
     }
 
-    /// A machine has the session of a site from now on, unless another got it later.
-    fn holds(
+    /// A machine has the session of a site from now on, unless a newer lease is known.
+    fn set_holder(
         &mut self,
         now: Duration,
         name: &str,
@@ -523,38 +527,38 @@ impl Centre {
             since,
         });
         site.beat = None;
-        site.lacks = None;
-        site.stray = None;
+        site.incomplete_since = None;
+        site.unknown = None;
         site.known.begin();
-        let early = SiteState::decode(&*std::mem::take(&mut site.early));
+        let early = SiteState::decode(&*std::mem::take(&mut site.early_state));
         if let Some(early) = early.ok().filter(|early| early.session == session) {
             site.known.state(early);
         }
-        // Who reports there may not know of it: a copy that was here first.
+        // Another machine may still be using the previous session.
         if let Some(had) = had.filter(|had| had.lease.boot != boot) {
-            self.ends(name, &had.lease.session);
+            self.end_session(name, &had.lease.session);
         }
     }
 
-    /// Whoever reports in this session is told that it has ended.
-    fn ends(&mut self, name: &str, session: &str) {
+    /// Tells the machine using this session that it has ended.
+    fn end_session(&mut self, name: &str, session: &str) {
         let subject = format!("rb.down.{name}.{session}.end");
-        self.outputs.push_back(CentreOutput::Ask(subject));
+        self.outputs.push_back(CentreOutput::Request(subject));
     }
 
     fn said(&mut self, now: Duration, name: &str, what: &str, payload: &[u8]) {
         let is_understood = match what {
             "beat" => Beat::decode(payload).map(|beat| self.beat(now, name, beat)),
             "data" if payload.len() > BATCH_MAX => {
-                self.bad += 1;
+                self.unreadable += 1;
                 return;
             }
             "data" => DataBatch::decode(payload).map(|batch| self.batch(name, batch)),
             "state" => SiteState::decode(payload).map(|state| self.state(name, state, payload)),
-            // Requests come with their numbers; what a newer site says is not for this centre.
+            // Requests are passed in separately; other messages are from a newer version.
             _ => return,
         };
-        self.bad += u64::from(is_understood.is_err());
+        self.unreadable += u64::from(is_understood.is_err());
     }
 
     fn beat(&mut self, now: Duration, name: &str, beat: Beat) {
@@ -563,14 +567,14 @@ impl Centre {
             return;
         };
         if site.was_in(&beat.session) {
-            // It has not heard that its session has ended.
-            return self.ends(name, &beat.session);
+            // It missed that its session has ended.
+            return self.end_session(name, &beat.session);
         }
         if !site.is_in(&beat.session) {
-            return self.strays(now, name, beat.session);
+            return self.unknown_session(now, name, beat.session);
         }
         let last = site.beat.as_ref();
-        // Of two that were said in one session the later one counts.
+        // An older heartbeat of this session, out of order.
         if last.is_some_and(|last| last.beat.time_ms > beat.time_ms) {
             return;
         }
@@ -589,26 +593,26 @@ impl Centre {
         if site.completes() {
             return;
         }
-        let since = *site.lacks.get_or_insert(now);
+        let since = *site.incomplete_since.get_or_insert(now);
         let is_due = |asked: Duration| now.saturating_sub(asked) >= ASKED_AGAIN;
-        if now.saturating_sub(since) >= LACKS && site.asked.is_none_or(is_due) {
-            site.asked = Some(now);
+        if now.saturating_sub(since) >= LACKS && site.state_requested.is_none_or(is_due) {
+            site.state_requested = Some(now);
             let subject = format!("rb.down.{name}.{session}.state");
-            self.outputs.push_back(CentreOutput::Ask(subject));
+            self.outputs.push_back(CentreOutput::Request(subject));
         }
     }
 
-    /// A site reports in a session that is not known: by a document that is on its way, or that was
-    /// lost, or it has not heard which session it got.
-    fn strays(&mut self, now: Duration, name: &str, session: String) {
+    /// A heartbeat in an unknown session: its lease is still on its way or was lost, or the site
+    /// missed the reply with its newer session.
+    fn unknown_session(&mut self, now: Duration, name: &str, session: String) {
         let Some(site) = self.sites.get_mut(name).filter(|_| is_token(&session)) else {
             return;
         };
-        // Whichever it is: there may be several.
-        let since = site.stray.as_ref().map_or(now, |(_, since)| *since);
-        site.stray = Some((session, since));
+        // The time counts for all of them: several machines may be sending.
+        let since = site.unknown.as_ref().map_or(now, |(_, since)| *since);
+        site.unknown = Some((session, since));
         if now.saturating_sub(since) >= STRAY {
-            self.look(name);
+            self.read_lease(name);
         }
     }
 
@@ -630,14 +634,14 @@ impl Centre {
                 site.known.state(state);
                 site.completes();
             }
-            // Its document may be on its way from another centre.
-            false => site.early = payload.to_vec(),
+            // The lease may still be on its way from another centre.
+            false => site.early_state = payload.to_vec(),
         }
     }
 }
 
 impl Fastest {
-    /// With one more heartbeat.
+    /// Including one more heartbeat.
     fn with(last: Option<Fastest>, now: Duration, beat: &Beat) -> Fastest {
         let millis = i128::try_from(now.as_millis()).unwrap_or(i128::MAX);
         let its = millis - i128::from(beat.time_ms);
@@ -659,7 +663,7 @@ impl Fastest {
         }
     }
 
-    /// When a heartbeat was said, by this centre's time.
+    /// When a heartbeat was sent, by the centre's clock.
     fn said(&self, beat: &Beat) -> Duration {
         let millis = self.now_ms.min(self.before_ms) + i128::from(beat.time_ms);
         Duration::from_millis(u64::try_from(millis).unwrap_or_default())
@@ -667,14 +671,14 @@ impl Fastest {
 }
 
 impl CentreSite {
-    /// Whether everything is there that the last heartbeat vouches for.
+    /// Whether everything has arrived that the last heartbeat vouches for.
     fn completes(&mut self) -> bool {
         let beat = self.beat.as_ref();
         let Some(beat) = beat.filter(|beat| self.known.has_all(&beat.beat)) else {
             return false;
         };
         self.vouched = Some(beat.said);
-        self.lacks = None;
+        self.incomplete_since = None;
         true
     }
 
@@ -683,7 +687,7 @@ impl CentreSite {
         holder.is_some_and(|holder| holder.lease.session == session)
     }
 
-    /// Whether this session is one of those that ended.
+    /// Whether this is one of the earlier sessions.
     fn was_in(&self, session: &str) -> bool {
         let before = self.holder.iter().flat_map(|holder| &holder.lease.before);
         before.into_iter().any(|run| run.session == session)

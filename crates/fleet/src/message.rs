@@ -85,7 +85,7 @@ pub struct Beat {
     /// As in [`Hello`].
     #[prost(int64, tag = "7")]
     pub clock_ms: i64,
-    /// How long the oldest message has been on its way that is not acknowledged, in milliseconds.
+    /// How long the oldest unacknowledged message has been waiting, in milliseconds.
     #[prost(uint64, tag = "8")]
     pub waits_ms: u64,
 }
@@ -247,7 +247,7 @@ pub struct SiteState {
     pub points: Vec<DataEntry>,
 }
 
-/// A document of the centre: which machine is a site now.
+/// A document of the centre: which machine has the session of a site.
 #[derive(Clone, PartialEq, prost::Message)]
 pub struct SessionLease {
     /// The name of its session.
@@ -259,7 +259,7 @@ pub struct SessionLease {
     /// As in [`Hello`].
     #[prost(bytes = "vec", tag = "3")]
     pub boot: Vec<u8>,
-    /// Earlier runs that were the site, the newest last.
+    /// Runs that had the session before, the newest last.
     #[prost(message, repeated, tag = "4")]
     pub before: Vec<EarlierRun>,
     /// As in [`Hello`].
@@ -276,7 +276,7 @@ pub struct SessionLease {
     pub time_ms: u64,
 }
 
-/// A run of a program that was the site before.
+/// A run that had the session of a site before.
 #[derive(Clone, PartialEq, Eq, prost::Message)]
 pub struct EarlierRun {
     /// As in [`Hello`].

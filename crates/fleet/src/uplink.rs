@@ -189,8 +189,9 @@ impl Uplink {
         }
     }
 
-    /// Its credentials are those of this site, and valid until this time in seconds since 1970.
-    pub fn is_site(&mut self, site: String, key_expires_s: Option<i64>) {
+    /// Sets what the credentials say: the site, and until when they are valid, in seconds since
+    /// 1970.
+    pub fn set_site(&mut self, site: String, key_expires_s: Option<i64>) {
         self.own.site = site;
         self.own.key_expires_s = key_expires_s;
     }
@@ -244,8 +245,8 @@ impl Uplink {
         self.transfer.resend(epoch, span)
     }
 
-    /// How every point is is wanted now. One that is on its way is not sent once more.
-    pub const fn tell_state(&mut self) {
+    /// Sends the state of all points now, unless one is already on its way.
+    pub const fn send_state(&mut self) {
         if self.state_len == 0 {
             self.state_at = None;
         }

@@ -1,19 +1,19 @@
-//! What is known of the points of a site.
+//! The last known values of a site's points.
 
 use crate::message::{Beat, DataBatch, DataEntry, DataKind, SiteState, UplinkReading, UplinkValue};
 use std::collections::BTreeMap;
 
-/// The most points of a site.
+/// The maximum number of points of a site.
 pub(super) const POINTS_MAX: usize = 20_000;
-/// The longest path, and the longest value and reason, in bytes.
+/// The maximum length of a path, text value or reason, in bytes.
 const TEXT_MAX: usize = 256;
-/// The most spans of numbers that came before what is in front of them.
+/// The maximum number of spans received ahead of a gap.
 const SPANS_MAX: usize = 64;
 
-/// A point, as its site said.
+/// The last known value of a point.
 #[derive(Clone, Debug, PartialEq)]
 pub struct KnownPoint {
-    /// The number of the entry that says so; 0 if that was in an earlier session.
+    /// The sequence number of its entry; 0 if it is from an earlier session.
     seq: u64,
     /// Since when it is so, in milliseconds since 1970.
     pub at_ms: i64,
@@ -21,16 +21,16 @@ pub struct KnownPoint {
     pub reading: UplinkReading,
 }
 
-/// What is known of the points of a site. What is true of a point is what its entry with the
-/// highest number says. They are known to be so where all is there up to a number: as entries, or
-/// as the state after that number or a later one.
+/// The last known values of a site's points. The entry with the highest sequence number gives a
+/// point's value. Values are complete up to a number once every entry up to it has arrived, or a
+/// state taken after it.
 #[derive(Clone, Debug, Default)]
 pub(super) struct KnownSite {
-    /// What the numbers of this session belong to.
+    /// Which outbox the sequence numbers belong to.
     epoch: String,
-    /// Up to which number everything is there; none before the state of this session.
+    /// Everything up to this number has arrived; none before the first state of this session.
     whole: Option<u64>,
-    /// Spans of numbers behind that, first to last.
+    /// Spans received ahead of a gap: first number to last.
     spans: BTreeMap<u64, u64>,
     points: BTreeMap<String, KnownPoint>,
 }
@@ -49,12 +49,12 @@ impl KnownSite {
         &self.points
     }
 
-    /// Whether all is there that a heartbeat vouches for.
+    /// Whether everything has arrived that a heartbeat vouches for.
     pub(super) fn has_all(&self, beat: &Beat) -> bool {
         self.epoch == beat.epoch && self.whole.is_some_and(|whole| whole >= beat.newest)
     }
 
-    /// How every point is after an entry.
+    /// A state arrived: all points as of a sequence number.
     pub(super) fn state(&mut self, state: SiteState) {
         if state.points.len() > POINTS_MAX || !state.points.iter().all(is_fit) {
             return;
@@ -64,10 +64,10 @@ impl KnownSite {
             self.epoch = state.epoch;
         }
         if self.whole.is_some_and(|whole| whole > state.seq) {
-            // What came since says more.
+            // Newer entries are already known.
             return;
         }
-        // What is not in it is there no longer, unless it was said later.
+        // Points that are not in it no longer exist, unless a later entry has them.
         self.points.retain(|_, point| point.seq > state.seq);
         self.whole = Some(state.seq);
         for entry in state.points {
@@ -79,9 +79,9 @@ impl KnownSite {
         self.join();
     }
 
-    /// Entries came.
+    /// Entries arrived.
     pub(super) fn batch(&mut self, batch: DataBatch) {
-        // Without the state there is nothing to add them to: it comes, and has them.
+        // Before the first state there is nothing to apply them to; it will contain them.
         let Some(whole) = self.whole.filter(|_| batch.epoch == self.epoch) else {
             return;
         };
@@ -90,10 +90,10 @@ impl KnownSite {
         }
         let last = batch.seq.saturating_add(batch.entries.len() as u64 - 1);
         let numbered = (batch.seq..=last).zip(batch.entries);
-        // What is whole has the others, and may have a point no longer.
+        // Older ones are already included, and their point may no longer exist.
         for (seq, entry) in numbered.filter(|(seq, _)| *seq > whole) {
             if !self.tell(seq, entry) {
-                // More points than a site can have: it must say how all are.
+                // Too many points, or too long: only a state can make it complete again.
                 self.whole = None;
                 return;
             }
@@ -102,12 +102,12 @@ impl KnownSite {
         *span = last.max(*span);
         self.join();
         if self.spans.len() > SPANS_MAX {
-            // The state will have it.
+            // A state will cover it.
             self.spans.pop_last();
         }
     }
 
-    /// Spans that join on to what is whole belong to it.
+    /// Extends the complete range by the spans adjoining it.
     fn join(&mut self) {
         let Some(whole) = &mut self.whole else {
             return;
@@ -120,12 +120,12 @@ impl KnownSite {
         }
     }
 
-    /// Returns whether there is a place for it.
+    /// Applies an entry; false if it is too long or there are too many points.
     fn tell(&mut self, seq: u64, entry: DataEntry) -> bool {
         if !is_fit(&entry) {
             return false;
         }
-        // Others say nothing of a point.
+        // Other entries do not concern a point.
         let Some(DataKind::Reading(reading)) = entry.what else {
             return true;
         };
@@ -154,7 +154,7 @@ impl KnownSite {
     }
 }
 
-/// Whether it is as short as what modules say.
+/// Whether its texts are no longer than those of real modules.
 fn is_fit(entry: &DataEntry) -> bool {
     let Some(DataKind::Reading(reading)) = &entry.what else {
         return true;

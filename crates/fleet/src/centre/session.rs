@@ -4,25 +4,25 @@ use super::{BEFORE_MAX, TAKEN};
 use crate::message::{EarlierRun, Hello, SessionLease};
 use std::time::Duration;
 
-/// Whether a machine gets a session.
+/// The decision on a request for a session.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Admission {
-    /// It does. These are the runs that had it before.
+    /// Granted; these runs had the session before.
     Admitted(Vec<EarlierRun>),
-    /// Another machine has it.
+    /// Another machine has the session.
     Taken,
-    /// Another machine had it, and it is not known whether that is still there.
+    /// Another machine had it, and may still be there.
     NotKnown,
-    /// The same run has asked later than this.
+    /// A later request of the same run was already granted.
     Older,
 }
 
-/// Whether a machine that asks gets the session of its site. `lease` is the last one, `heard` when
-/// its machine was heard last or got it, `listens` since when all is heard.
+/// Whether a machine gets the session it requests. `lease` is the latest one, `heard` when its
+/// machine was last heard or got the session, `listens` since when the centre is subscribed.
 ///
-/// A run of the program that asks again has lost its connection. Another run of the same
-/// installation is a restart, unless it ran before the present one: no run comes back after a
-/// restart, so that is a copy of the disk.
+/// The same run asking again has lost its connection. Another run of the same installation is a
+/// restart, unless it had the session before: a run never comes back after a restart, so that is a
+/// copy of the disk.
 pub(super) fn admit(
     now: Duration,
     hello: &Hello,
@@ -36,7 +36,7 @@ pub(super) fn admit(
     let is_recent = |at: Duration| now.saturating_sub(at) < TAKEN;
     let is_silent = !heard.is_some_and(is_recent) && !listens.is_none_or(is_recent);
     if lease.boot == hello.boot {
-        // A machine that was put back to an earlier state has an earlier time.
+        // A machine restored from a snapshot has an earlier time.
         return match hello.time_ms < lease.time_ms && !is_silent {
             true => Admission::Older,
             false => Admission::Admitted(lease.before.clone()),
@@ -53,11 +53,11 @@ pub(super) fn admit(
     if listens.is_none_or(is_recent) {
         return Admission::NotKnown;
     }
-    // The other one is silent: this machine has its place.
+    // The other machine is silent: this one replaces it.
     Admission::Admitted(before(lease, hello))
 }
 
-/// The runs that had it before this one.
+/// The runs that had the session before this one.
 fn before(lease: &SessionLease, hello: &Hello) -> Vec<EarlierRun> {
     let last = EarlierRun {
         boot: lease.boot.clone(),

@@ -15,7 +15,7 @@ struct Hub {
     centre: Centre,
     now: Duration,
     number: u64,
-    /// The number of the last document, and what it says.
+    /// The latest lease and its revision.
     revision: u64,
     document: Vec<u8>,
 }
@@ -204,28 +204,28 @@ fn a_site_is_one_machine() {
     );
     hub.beats(&first, 0);
     let taken = "another machine reports as this site".to_owned();
-    assert_eq!(hub.view().copy, None);
+    assert_eq!(hub.view().duplicate, None);
     assert_eq!(hub.begins(OTHER), Err(taken.clone()));
-    assert_eq!(hub.view().copy, Some(Duration::ZERO));
+    assert_eq!(hub.view().duplicate, Some(Duration::ZERO));
     // The same run has lost its connection.
     let (second, outputs) = hub.begins(FIRST).unwrap();
     assert_eq!(outputs, []);
     assert_ne!(first, second);
-    // A restart has its place at once; the run before is told, should it be there.
+    // A restart gets the session at once; the previous run is told, in case it still runs.
     hub.beats(&second, 0);
     let (third, outputs) = hub.begins(RESTARTED).unwrap();
-    let end = CentreOutput::Ask(format!("rb.down.p1.{second}.end"));
+    let end = CentreOutput::Request(format!("rb.down.p1.{second}.end"));
     assert_eq!(outputs, [end]);
-    // If it is, that is a copy of the disk.
+    // If it does, it is a copy of the disk.
     hub.beats(&third, 0);
     assert_eq!(hub.begins(FIRST), Err(taken.clone()));
-    // It is told again that its session has ended, as long as it reports; no other session is.
+    // It is told again for each heartbeat in its old session, but not for any other session.
     hub.beats(&second, 0);
-    let end = CentreOutput::Ask(format!("rb.down.p1.{second}.end"));
+    let end = CentreOutput::Request(format!("rb.down.p1.{second}.end"));
     assert_eq!(hub.outputs(), [end]);
     hub.beats("other", 0);
     assert_eq!(hub.outputs(), []);
-    // And has the place of one that is silent.
+    // It gets the session once the other one is silent.
     hub.now += TAKEN - Duration::from_millis(1);
     assert_eq!(hub.begins(FIRST), Err(taken));
     hub.now += Duration::from_millis(1);
@@ -239,7 +239,7 @@ fn a_site_is_one_machine() {
 }
 
 #[test]
-fn who_has_just_begun_to_listen_does_not_know_who_is_there() {
+fn a_centre_that_just_connected_does_not_guess_presence() {
     let mut hub = Hub::new();
     hub.begins(FIRST).unwrap();
     let unknown = "whether another machine reports as this site is not known yet".to_owned();
@@ -250,7 +250,7 @@ fn who_has_just_begun_to_listen_does_not_know_who_is_there() {
     hub.connected();
     assert_eq!(hub.begins(OTHER), Err(unknown));
     assert_eq!(hub.view().presence, SitePresence::Unknown);
-    assert_eq!(hub.view().copy, None);
+    assert_eq!(hub.view().duplicate, None);
     hub.now += ONLINE;
     assert_eq!(hub.view().presence, SitePresence::Unknown);
     hub.now += Duration::from_millis(1);
@@ -260,7 +260,7 @@ fn who_has_just_begun_to_listen_does_not_know_who_is_there() {
 }
 
 #[test]
-fn of_two_centres_that_give_a_session_one_succeeds() {
+fn of_two_centres_granting_a_session_one_succeeds() {
     let mut hub = Hub::new();
     let asked = hub.hello(FIRST);
     let CentreOutput::Store {
@@ -269,8 +269,8 @@ fn of_two_centres_that_give_a_session_one_succeeds() {
     else {
         panic!("{asked:?}");
     };
-    // Whoever asks meanwhile waits.
-    assert_eq!(hub.hello(OTHER), [CentreOutput::Ignore(2)]);
+    // A request in the meantime is dropped.
+    assert_eq!(hub.hello(OTHER), [CentreOutput::Drop(2)]);
     // The other centre was first.
     let other = SessionLease {
         session: "other".to_owned(),
@@ -280,7 +280,7 @@ fn of_two_centres_that_give_a_session_one_succeeds() {
     let other = other.encode_to_vec();
     hub.handle(CentreInput::Lease("p1", &other, 1));
     hub.handle(CentreInput::Stored(*number, LeaseEnd::Unknown));
-    assert_eq!(hub.outputs(), [CentreOutput::Ignore(*number)]);
+    assert_eq!(hub.outputs(), [CentreOutput::Drop(*number)]);
     hub.beats("other", 0);
     assert_eq!(hub.view().presence, SitePresence::Online);
     // An older document says nothing.
@@ -290,8 +290,8 @@ fn of_two_centres_that_give_a_session_one_succeeds() {
     hub.now += ONLINE + Duration::from_millis(1);
     hub.beats("s1", 0);
     assert_eq!(hub.view().presence, SitePresence::Offline);
-    assert_eq!(hub.outputs(), [CentreOutput::Look("p1".to_owned())]);
-    hub.handle(CentreInput::Looked("p1", None));
+    assert_eq!(hub.outputs(), [CentreOutput::ReadLease("p1".to_owned())]);
+    hub.handle(CentreInput::LeaseRead("p1", None));
     assert_eq!(hub.outputs(), []);
     // A session that another one followed before it was told is not told.
     let asked = hub.hello((1, 9));
@@ -302,11 +302,11 @@ fn of_two_centres_that_give_a_session_one_succeeds() {
     hub.handle(CentreInput::Lease("p1", payload, 3));
     hub.outputs();
     hub.handle(CentreInput::Stored(hub.number, LeaseEnd::Stored(2)));
-    assert_eq!(hub.outputs(), [CentreOutput::Ignore(hub.number)]);
+    assert_eq!(hub.outputs(), [CentreOutput::Drop(hub.number)]);
 }
 
 #[test]
-fn who_was_second_reads_what_the_first_has_stored_and_decides_again() {
+fn after_a_conflict_the_latest_lease_is_read_and_the_request_decided_again() {
     for is_taken in [false, true] {
         let mut hub = Hub::new();
         let asked = hub.hello(FIRST);
@@ -316,15 +316,15 @@ fn who_was_second_reads_what_the_first_has_stored_and_decides_again() {
         else {
             panic!("{asked:?}");
         };
-        hub.handle(CentreInput::Stored(*number, LeaseEnd::Raced));
-        assert_eq!(hub.outputs(), [CentreOutput::Look("p1".to_owned())]);
-        assert_eq!(hub.hello(FIRST), [CentreOutput::Ignore(2)]);
+        hub.handle(CentreInput::Stored(*number, LeaseEnd::Conflict));
+        assert_eq!(hub.outputs(), [CentreOutput::ReadLease("p1".to_owned())]);
+        assert_eq!(hub.hello(FIRST), [CentreOutput::Drop(2)]);
         let mut other = SessionLease::decode(&**payload).unwrap();
         other.session = "other".to_owned();
         other.installation[0] += u8::from(is_taken);
         other.boot[0] += 1;
         let other = other.encode_to_vec();
-        hub.handle(CentreInput::Looked("p1", Some(Some((&other, 7)))));
+        hub.handle(CentreInput::LeaseRead("p1", Some(Some((&other, 7)))));
         let again = hub.outputs();
         match &again[..] {
             [CentreOutput::Reply(1, answer)] if is_taken => {
@@ -341,8 +341,8 @@ fn who_was_second_reads_what_the_first_has_stored_and_decides_again() {
             _ => panic!("{again:?}"),
         }
         // Once.
-        hub.handle(CentreInput::Stored(1, LeaseEnd::Raced));
-        assert_eq!(hub.outputs(), [CentreOutput::Ignore(1)]);
+        hub.handle(CentreInput::Stored(1, LeaseEnd::Conflict));
+        assert_eq!(hub.outputs(), [CentreOutput::Drop(1)]);
     }
 }
 
@@ -379,9 +379,9 @@ fn a_request_that_comes_after_a_later_one_of_the_same_run_is_none() {
         hub.handle(CentreInput::Hello(7, "p1", &late, "s".to_owned()));
         hub.outputs()
     };
-    assert_eq!(asks(&mut hub), [CentreOutput::Ignore(7)]);
+    assert_eq!(asks(&mut hub), [CentreOutput::Drop(7)]);
     assert!(hub.begins(FIRST).is_ok());
-    // A machine that was put back to an earlier state, once nobody else is there.
+    // A machine restored from a snapshot gets the session once the site is silent.
     hub.now += day;
     let asked = asks(&mut hub);
     assert!(
@@ -406,14 +406,14 @@ fn a_machine_beside_the_one_that_has_the_session_is_told() {
     }
     assert_eq!(looks, 1);
     let document = hub.document.clone();
-    hub.handle(CentreInput::Looked("p1", Some(Some((&document, 1)))));
-    let told = CentreOutput::Ask("rb.down.p1.copy2.end".to_owned());
+    hub.handle(CentreInput::LeaseRead("p1", Some(Some((&document, 1)))));
+    let told = CentreOutput::Request("rb.down.p1.copy2.end".to_owned());
     assert_eq!(hub.outputs(), [told]);
     assert_eq!(hub.view().presence, SitePresence::Online);
 }
 
 #[test]
-fn whoever_reports_in_a_session_that_is_not_known_is_told_if_it_is_not_the_last_one() {
+fn an_unknown_session_is_ended_unless_it_is_the_latest() {
     for is_last in [false, true] {
         let mut hub = Hub::new();
         hub.begins(FIRST).unwrap();
@@ -426,7 +426,7 @@ fn whoever_reports_in_a_session_that_is_not_known_is_told_if_it_is_not_the_last_
             hub.beats("far", 0);
             // Its document may be on its way; and it is looked once at a time.
             let is_due = nth == 3;
-            let look = is_due.then(|| CentreOutput::Look("p1".to_owned()));
+            let look = is_due.then(|| CentreOutput::ReadLease("p1".to_owned()));
             assert_eq!(hub.outputs(), Vec::from_iter(look));
             hub.now += Duration::from_secs(10);
         }
@@ -435,8 +435,8 @@ fn whoever_reports_in_a_session_that_is_not_known_is_told_if_it_is_not_the_last_
             true => (&far, 1),
             false => (&hub.document.clone(), 1),
         };
-        hub.handle(CentreInput::Looked("p1", Some(Some((found.0, found.1)))));
-        let told = CentreOutput::Ask("rb.down.p1.far.end".to_owned());
+        hub.handle(CentreInput::LeaseRead("p1", Some(Some((found.0, found.1)))));
+        let told = CentreOutput::Request("rb.down.p1.far.end".to_owned());
         match is_last {
             true => assert_eq!(hub.outputs(), []),
             false => assert_eq!(hub.outputs(), [told]),
@@ -454,7 +454,7 @@ fn whoever_reports_in_a_session_that_is_not_known_is_told_if_it_is_not_the_last_
 }
 
 #[test]
-fn what_was_looked_up_does_not_replace_what_came_since() {
+fn a_lease_read_earlier_does_not_replace_a_newer_one() {
     let mut hub = Hub::new();
     hub.begins(FIRST).unwrap();
     let document = hub.document.clone();
@@ -462,10 +462,10 @@ fn what_was_looked_up_does_not_replace_what_came_since() {
         hub.beats("far", 0);
         hub.now += Duration::from_secs(10);
     }
-    assert_eq!(hub.outputs(), [CentreOutput::Look("p1".to_owned())]);
+    assert_eq!(hub.outputs(), [CentreOutput::ReadLease("p1".to_owned())]);
     let (session, _) = hub.begins(RESTARTED).unwrap();
     hub.outputs();
-    hub.handle(CentreInput::Looked("p1", Some(Some((&document, 1)))));
+    hub.handle(CentreInput::LeaseRead("p1", Some(Some((&document, 1)))));
     assert_eq!(hub.outputs(), []);
     hub.beats(&session, 0);
     assert_eq!(hub.view().presence, SitePresence::Online);
@@ -601,7 +601,7 @@ fn what_is_no_message_is_counted_and_changes_nothing() {
         long.encode_to_vec(),
     ] {
         hub.handle(CentreInput::Hello(1, "p1", &payload, "s".to_owned()));
-        assert_eq!(hub.outputs(), [CentreOutput::Ignore(1)]);
+        assert_eq!(hub.outputs(), [CentreOutput::Drop(1)]);
     }
     let much = batch(&"s".repeat(BATCH_MAX), 1, &[]);
     hub.says("data", &much);
@@ -609,10 +609,10 @@ fn what_is_no_message_is_counted_and_changes_nothing() {
         hub.handle(CentreInput::Said("p1", what, b"\xFF"));
     }
     hub.handle(CentreInput::Lease("p1", b"\xFF", 1));
-    assert_eq!(hub.centre.bad(), 8);
+    assert_eq!(hub.centre.unreadable(), 8);
     hub.handle(CentreInput::Said("p1", "other", b"\xFF"));
     hub.handle(CentreInput::Lease("No Name", b"", 1));
-    assert_eq!(hub.centre.bad(), 8);
+    assert_eq!(hub.centre.unreadable(), 8);
     assert_eq!(hub.outputs(), []);
     assert_eq!(hub.centre.sites(hub.now).count(), 0);
 }

@@ -650,7 +650,7 @@ fn a_heartbeat_says_how_long_messages_wait_and_a_state_under_way_is_not_said_aga
     assert_eq!(what(&first), ["beat", "state", "data"]);
     let waits = |message: &UpMessage| Beat::decode(&*message.payload).unwrap().waits_ms;
     assert_eq!(waits(&first[0]), 0);
-    site.uplink.tell_state();
+    site.uplink.send_state();
     site.now += Duration::from_secs(6);
     site.answer(first[2].answer.unwrap(), TAKEN_IN);
     site.now += BEAT - Duration::from_secs(6);
@@ -664,7 +664,7 @@ fn a_heartbeat_says_how_long_messages_wait_and_a_state_under_way_is_not_said_aga
     site.stored();
     site.now += GATHER;
     assert_eq!(what(&site.published()), ["data"]);
-    site.uplink.tell_state();
+    site.uplink.send_state();
     assert_eq!(what(&site.published()), ["state"]);
     site.now += BEAT - GATHER;
     let next = site.published();

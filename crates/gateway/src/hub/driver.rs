@@ -25,14 +25,14 @@ use std::time::{Duration, SystemTime};
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio::time::Instant;
 
-/// How many requests of sites are remembered that are not answered: many never are.
+/// The maximum number of requests of sites without a reply.
 const REPLIES_MAX: usize = 8_192;
 
-/// How often it is looked whether this process stood still.
+/// How often to check whether this process was suspended.
 const TICK: Duration = Duration::from_secs(1);
-/// It stood still if that took longer.
-const STOOD_STILL: Duration = Duration::from_secs(5);
-/// For how long it is told that a document was not stored.
+/// It was suspended if more than this passed between two checks.
+const SUSPENDED: Duration = Duration::from_secs(5);
+/// How long a lease that could not be stored is reported.
 const TOLD: Duration = Duration::from_secs(60);
 
 /// What is asked of the centre.
@@ -43,37 +43,37 @@ pub(super) enum HubCall {
     Site(String, oneshot::Sender<Result<FleetSitePoints, Problem>>),
 }
 
-/// The last document of a session, and its number; none if there is none.
+/// The latest lease of a site and its revision; none if there is none.
 type LastLease = Option<(Vec<u8>, u64)>;
 
-/// What became of a request to the streams.
+/// The result of a request to a stream.
 enum StreamEnd {
-    /// The document that was to be stored under this number, and what went wrong.
+    /// Of storing a lease: request number, result, and the problem if there was one.
     Stored(u64, LeaseEnd, Option<Problem>),
-    /// The last document of a site, unless that can't be known now.
-    Looked(String, Option<LastLease>),
+    /// Of reading the latest lease of a site; none if that failed.
+    LeaseRead(String, Option<LastLease>),
 }
 
 pub(super) struct Driver {
     lang: Lang,
     files: HubFiles,
     centre: Centre,
-    /// Where the answers to requests of sites go.
+    /// The reply subjects of pending requests.
     replies: BTreeMap<u64, Subject>,
     number: u64,
     calls: mpsc::Receiver<HubCall>,
     stopped: watch::Receiver<bool>,
-    /// What requests to the streams end in: as many as the centre asks for.
+    /// Results of requests to streams. Not bounded itself: the centre bounds the requests.
     ends: (
         mpsc::UnboundedSender<StreamEnd>,
         mpsc::UnboundedReceiver<StreamEnd>,
     ),
-    /// Why it has no connection, or what was not stored, and when that was noted.
+    /// Why there is no connection, or what could not be stored, and when that happened.
     error: Option<(Problem, Duration)>,
-    /// It was connected once: it knows which sites there are.
+    /// It was connected at least once, and so knows the sites.
     has_read: bool,
-    /// When it was looked last whether it stood still.
-    looked_at: Duration,
+    /// When it was last checked for a suspension.
+    checked_at: Duration,
 }
 
 /// Why a connection is no longer used.
@@ -89,7 +89,7 @@ enum Heard {
     Lease(String, Vec<u8>, u64),
     End(StreamEnd),
     Call(HubCall),
-    /// A second is over.
+    /// Time to check for a suspension.
     Tick,
     Ended(LinkEnd),
 }
@@ -121,7 +121,7 @@ impl Driver {
             ends: mpsc::unbounded_channel(),
             error: None,
             has_read: false,
-            looked_at: since_boot(),
+            checked_at: since_boot(),
         }
     }
 
@@ -139,7 +139,7 @@ impl Driver {
                 Ok(mut link) => {
                     let end = self.serve(&mut link).await;
                     self.handle(CentreInput::Lost);
-                    // What requests at this connection end in is of no importance any more.
+                    // Results of requests on this connection must not reach the next one.
                     self.ends = mpsc::unbounded_channel();
                     tries.connected_since(begun);
                     match end {
@@ -173,7 +173,7 @@ impl Driver {
         self.centre.handle(since_boot(), input);
     }
 
-    /// Something is wrong; it is said once.
+    /// Reports a problem, once.
     fn failed(&mut self, problem: Problem) {
         let is_told = self
             .error
@@ -185,7 +185,7 @@ impl Driver {
         self.error = Some((problem, since_boot()));
     }
 
-    /// Knows the documents of a connection, and hears at it.
+    /// Applies the documents read on a connection, then subscribes.
     async fn connected(&mut self, opened: Result<Opened, Problem>) -> Result<Link, Problem> {
         let mut opened = opened?;
         for (subject, payload, number) in std::mem::take(&mut opened.documents) {
@@ -200,11 +200,11 @@ impl Driver {
                 }
             }
         }
-        let link = opened.hear().await?;
+        let link = opened.subscribe().await?;
         self.handle(CentreInput::Connected);
         self.error = None;
         self.has_read = true;
-        self.looked_at = since_boot();
+        self.checked_at = since_boot();
         let server = link.server();
         warn(&self.lang.fill(HubText::Connected, &[("server", &server)]));
         Ok(link)
@@ -214,7 +214,7 @@ impl Driver {
         loop {
             let mut stopped = self.stopped.clone();
             let driven = tokio::select! {
-                // A server that takes nothing must not hold up the end.
+                // A stalled connection must not delay the shutdown.
                 () = listen::ended(&mut stopped) => return LinkEnd::Stopped,
                 driven = self.drive(link) => driven,
             };
@@ -222,13 +222,13 @@ impl Driver {
                 return LinkEnd::Broken(problem);
             }
             let heard = self.next(link).await;
-            if self.stood_still() {
+            if self.was_suspended() {
                 if let Heard::Call(call) = heard {
                     self.handle(CentreInput::Lost);
                     self.answer(call);
                 }
-                // Documents that wait are older than what was heard of last.
-                return LinkEnd::Broken(ended(&"this process stood still"));
+                // Queued leases may be older than the known ones.
+                return LinkEnd::Broken(ended(&"this process was suspended"));
             }
             match heard {
                 Heard::Hello(message) => self.hello(message),
@@ -293,18 +293,18 @@ impl Driver {
         self.handle(hello);
     }
 
-    /// Where this process stood still, it has missed what was said meanwhile, and what waits is
-    /// older than it looks: it begins anew.
-    fn stood_still(&mut self) -> bool {
+    /// Whether this process was suspended: queued messages are then older than they look, and the
+    /// connection is made anew.
+    fn was_suspended(&mut self) -> bool {
         let now = since_boot();
-        let passed = now.saturating_sub(std::mem::replace(&mut self.looked_at, now));
+        let passed = now.saturating_sub(std::mem::replace(&mut self.checked_at, now));
         let is_old = |(problem, at): &(Problem, Duration)| {
             problem.code == codes::FLEET_NOT_STORED.code && now.saturating_sub(*at) > TOLD
         };
         if self.error.as_ref().is_some_and(is_old) {
             self.error = None;
         }
-        passed > STOOD_STILL
+        passed > SUSPENDED
     }
 
     fn stream_end(&mut self, end: StreamEnd) {
@@ -315,12 +315,12 @@ impl Driver {
                 }
                 self.handle(CentreInput::Stored(number, end));
             }
-            StreamEnd::Looked(site, found) => {
+            StreamEnd::LeaseRead(site, found) => {
                 let found = found.as_ref().map(|found| {
                     let found = found.as_ref();
                     found.map(|(payload, number)| (payload.as_slice(), *number))
                 });
-                self.handle(CentreInput::Looked(&site, found));
+                self.handle(CentreInput::LeaseRead(&site, found));
             }
         }
     }
@@ -340,10 +340,10 @@ impl Driver {
                     payload,
                     after,
                 } => self.store(link, number, subject, payload, after),
-                CentreOutput::Ignore(number) => _ = self.replies.remove(&number),
-                CentreOutput::Look(site) => self.look(link, site),
-                CentreOutput::Ask(subject) => {
-                    // Whoever does not hear it is asked again.
+                CentreOutput::Drop(number) => _ = self.replies.remove(&number),
+                CentreOutput::ReadLease(site) => self.read_lease(link, site),
+                CentreOutput::Request(subject) => {
+                    // If it does not arrive, the request is repeated later.
                     let reply = link.client.new_inbox();
                     let sent = link
                         .client
@@ -369,7 +369,7 @@ impl Driver {
             let (end, problem) = match stored {
                 Ok(number) => (LeaseEnd::Stored(number), None),
                 Err(error) => match error.kind() {
-                    PublishErrorKind::WrongLastSequence => (LeaseEnd::Raced, None),
+                    PublishErrorKind::WrongLastSequence => (LeaseEnd::Conflict, None),
                     _ => {
                         let problem = Problem::new(codes::FLEET_NOT_STORED);
                         let problem = problem.with("reason", error.to_string());
@@ -382,18 +382,18 @@ impl Driver {
         });
     }
 
-    fn look(&self, link: &mut Link, site: String) {
+    fn read_lease(&self, link: &mut Link, site: String) {
         let (streams, ends) = (link.streams.clone(), self.ends.0.clone());
         tokio::spawn(async move {
             let found = last_lease(&streams, &site).await;
             // Fails once the centre has ended.
-            let _ = ends.send(StreamEnd::Looked(site, found));
+            let _ = ends.send(StreamEnd::LeaseRead(site, found));
         });
     }
 
     fn answer(&self, call: HubCall) {
         let now = since_boot();
-        // Whoever asked may be gone.
+        // Sending fails if the client is gone.
         match call {
             HubCall::Sites(to) => {
                 let error = self.error.as_ref().map(|(problem, _)| problem.clone());
@@ -402,7 +402,7 @@ impl Driver {
             HubCall::Site(name, to) => {
                 let site = self.centre.site(now, &name);
                 let none = || match &self.error {
-                    // Before it has read them it does not know which sites there are.
+                    // Before the first connection the sites are not known.
                     Some((problem, _)) if !self.has_read => problem.clone(),
                     _ => Problem::new(codes::NO_SUCH_SITE).with("name", name.clone()),
                 };
@@ -412,7 +412,7 @@ impl Driver {
     }
 }
 
-/// The last document of a site's session, as the leader of the stream has it.
+/// Reads the latest lease of a site from the leader of the stream.
 async fn last_lease(streams: &Context, site: &str) -> Option<LastLease> {
     let stream = streams.get_stream_no_info("FLEET").await.ok()?;
     let subject = format!("rb.fleet.lease.{site}");
@@ -425,7 +425,7 @@ async fn last_lease(streams: &Context, site: &str) -> Option<LastLease> {
     }
 }
 
-/// The time since this machine was started, with that in which it slept.
+/// The time since this machine was booted, including suspensions.
 fn since_boot() -> Duration {
     let time = clock_gettime(ClockId::Boottime);
     let seconds = u64::try_from(time.tv_sec).unwrap_or_default();

@@ -16,15 +16,15 @@ use tokio::sync::watch;
 const CONNECT_MAX: Duration = Duration::from_secs(10);
 /// How often it is asked whether the server is there.
 const PING: Duration = Duration::from_secs(10);
-/// How many messages of sites wait to be heard.
+/// The maximum number of queued messages.
 const WAITING_MAX: usize = 8_192;
 /// The timeout of a request to the streams: it is lost where no server leads one.
 const REQUEST_MAX: Duration = Duration::from_secs(5);
 /// How long the next of the documents may take that are there.
 const DOCUMENT_MAX: Duration = Duration::from_secs(10);
-/// All that sites say.
+/// Messages of sites.
 const SAID: &str = "rb.up.*.*";
-/// Whoever hears of one request for a session is one of all centres.
+/// Of all centre processes, one gets each request for a session.
 const QUEUE: &str = "hub";
 /// The documents of sessions.
 const LEASES: &str = "rb.fleet.lease.*";
@@ -42,7 +42,7 @@ pub(super) struct HubFiles {
     creds: PathBuf,
 }
 
-/// A connection, at which nothing is heard yet.
+/// A connection without subscriptions.
 pub(super) struct Opened {
     client: Client,
     streams: Context,
@@ -52,7 +52,7 @@ pub(super) struct Opened {
     pub(super) documents: Vec<(String, Vec<u8>, u64)>,
 }
 
-/// A connection at which all that sites say is heard.
+/// A subscribed connection.
 pub(super) struct Link {
     pub(super) client: Client,
     pub(super) streams: Context,
@@ -150,7 +150,7 @@ impl Opened {
             .connection_timeout(CONNECT_MAX)
             .ping_interval(PING)
             .subscription_capacity(WAITING_MAX)
-            // It is begun anew then: what was said meanwhile was not heard.
+            // A new connection is made instead: messages were missed.
             .max_reconnects(files.servers.len())
             .event_callback(move |event| {
                 if matches!(event, Event::Disconnected | Event::Closed) {
@@ -183,12 +183,12 @@ impl Opened {
         })
     }
 
-    /// Hears what sites say from now on. Not before its documents are known: what waits meanwhile
-    /// would look younger than it is. What is missed is asked for.
+    /// Subscribes to the messages of sites. Only after the documents were applied: messages queued
+    /// meanwhile would look fresher than they are. What is missed is requested.
     ///
     /// # Errors
     /// The connection has ended.
-    pub(super) async fn hear(self) -> Result<Link, Problem> {
+    pub(super) async fn subscribe(self) -> Result<Link, Problem> {
         let client = self.client;
         let hellos = client.queue_subscribe("rb.up.*.hello", QUEUE.to_owned());
         let hellos = hellos.await.map_err(|error| ended(&error))?;

@@ -21,7 +21,7 @@ pub(super) fn sites(centre: &Centre, now: Duration, error: Option<Problem>) -> F
         connection: HubConnection {
             connected: centre.is_connected(),
             error,
-            unreadable: centre.bad(),
+            unreadable: centre.unreadable(),
         },
         sites: centre.sites(now).map(|view| site(&view)).collect(),
     }
@@ -58,7 +58,7 @@ fn site(view: &SiteView<'_>) -> FleetSite {
         key_until: view
             .key_expires_s
             .map(|at| moment(at.saturating_mul(1_000))),
-        copy_ms: view.copy.map(ms),
+        duplicate_ms: view.duplicate.map(ms),
     }
 }
 

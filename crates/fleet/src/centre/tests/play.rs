@@ -1,6 +1,6 @@
-//! Two machines with one key, and two centres, in virtual time, from a seed: messages that are
-//! lost, late and out of order, documents that are stored late or of which nobody hears, and
-//! restarts of all. A judge knows what each machine recorded, and when.
+//! Two machines with one key and two centres in virtual time, seeded: messages lost, late and out
+//! of order, leases lost or stored without anybody being told, machines that sleep, and restarts of
+//! all. The judge knows what each machine recorded, and when.
 
 use crate::centre::{Centre, CentreInput, CentreOutput, LeaseEnd, ONLINE, SitePresence};
 use crate::dice::Dice;
@@ -33,9 +33,9 @@ enum Coming {
     Lease(usize, Vec<u8>, u64),
     Stored(usize, u64, LeaseEnd),
     /// The last document at that time; it may not be known.
-    Looked(usize, Option<Option<(Vec<u8>, u64)>>),
+    LeaseRead(usize, Option<Option<(Vec<u8>, u64)>>),
     Answer(usize, u64, Vec<u8>),
-    /// Whoever listens at this subject is asked.
+    /// A request to the machine subscribed to this subject.
     Asked(String),
 }
 
@@ -209,21 +209,21 @@ impl World {
                     let end = match is_stored {
                         _ if self.happens(5) => LeaseEnd::Unknown,
                         true => LeaseEnd::Stored(revision),
-                        false => LeaseEnd::Raced,
+                        false => LeaseEnd::Conflict,
                     };
                     self.comes(Coming::Stored(hub, number, end));
                 }
-                CentreOutput::Ignore(number) => {
+                CentreOutput::Drop(number) => {
                     assert!(self.asked.contains_key(&number), "{}", self.seed);
                 }
-                CentreOutput::Look(site) => {
+                CentreOutput::ReadLease(site) => {
                     assert_eq!(site, SITE);
                     let last = self.leases.last().cloned();
                     let last = last.map(|last| (last, self.leases.len() as u64));
                     let found = (!self.happens(5)).then_some(last);
-                    self.comes(Coming::Looked(hub, found));
+                    self.comes(Coming::LeaseRead(hub, found));
                 }
-                CentreOutput::Ask(subject) => {
+                CentreOutput::Request(subject) => {
                     if !self.happens(8) {
                         self.comes(Coming::Asked(subject));
                     }
@@ -241,7 +241,7 @@ impl World {
         let Some(view) = centre.site(self.now, SITE) else {
             return;
         };
-        self.copies += u64::from(view.copy == Some(Duration::ZERO));
+        self.copies += u64::from(view.duplicate == Some(Duration::ZERO));
         if !view.is_current {
             return;
         }
@@ -365,12 +365,12 @@ impl World {
                 (hub, CentreInput::Lease(SITE, payload, *revision))
             }
             Coming::Stored(hub, number, end) => (hub, CentreInput::Stored(*number, *end)),
-            Coming::Looked(hub, found) => {
+            Coming::LeaseRead(hub, found) => {
                 let found = found.as_ref().map(|found| {
                     let found = found.as_ref();
                     found.map(|(payload, revision)| (payload.as_slice(), *revision))
                 });
-                (hub, CentreInput::Looked(SITE, found))
+                (hub, CentreInput::LeaseRead(SITE, found))
             }
         };
         if let Some(centre) = &mut self.hubs[*hub] {
@@ -391,7 +391,7 @@ impl World {
             machine.site.now = machine.time(self.now);
             match what {
                 "end" => machine.site.handle(UplinkInput::Ended(&session)),
-                "state" => machine.site.uplink.tell_state(),
+                "state" => machine.site.uplink.send_state(),
                 other => panic!("{other}"),
             }
             self.run(at);
@@ -496,7 +496,7 @@ fn play(seed: u64) -> (u64, u64) {
         assert_eq!(view.presence, SitePresence::Online, "{seed}");
         assert!(view.is_current, "{seed}");
     }
-    let copy = |centre: &Centre| centre.site(world.now, SITE).unwrap().copy;
+    let copy = |centre: &Centre| centre.site(world.now, SITE).unwrap().duplicate;
     let copies = world.hubs.iter().flatten().filter_map(copy);
     let last = copies.min().unwrap();
     assert!(last < Duration::from_secs(310), "{seed}: {last:?}");

@@ -116,7 +116,7 @@ fn what_is_missing_is_asked_for() {
         hub.beats(&session, 3);
         let outputs = hub.outputs();
         if !outputs.is_empty() {
-            let ask = CentreOutput::Ask(format!("rb.down.p1.{session}.state"));
+            let ask = CentreOutput::Request(format!("rb.down.p1.{session}.state"));
             assert_eq!(outputs, [ask]);
             asked.push(hub.now);
         }

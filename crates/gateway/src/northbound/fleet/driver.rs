@@ -239,7 +239,7 @@ impl Driver {
     /// What its credentials say.
     fn set_claims(&mut self, claims: SiteClaims) {
         let expires = claims.expires.and_then(|at| i64::try_from(at).ok());
-        self.uplink.is_site(claims.site, expires);
+        self.uplink.set_site(claims.site, expires);
         let now = millis(SystemTime::now()) / 1_000;
         let ends = expires.filter(|at| at.saturating_sub(now) < KEY_ENDS_SOON_S);
         self.key_ends = ends.map(|at| Problem::new(codes::FLEET_KEY_ENDS).with("reason", day(at)));
@@ -289,7 +289,7 @@ impl Driver {
             }
             Some("resend") => self.resend(&asked.payload).encode_to_vec(),
             Some("state") => {
-                self.uplink.tell_state();
+                self.uplink.send_state();
                 ResendAnswer::default().encode_to_vec()
             }
             // The form of every answer that is a refusal.

@@ -83,7 +83,7 @@ pub(super) fn ago(lang: Lang, millis: u64) -> String {
 }
 
 fn notes(lang: Lang, site: &FleetSite) -> String {
-    let copied = site.copy_ms.map(|ms| {
+    let copied = site.duplicate_ms.map(|ms| {
         let ago = ago(lang, ms);
         lang.fill(FleetText::Copied, &[("ago", &ago)])
     });
