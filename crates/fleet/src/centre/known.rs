@@ -56,9 +56,6 @@ impl KnownSite {
 
     /// A state arrived: all points as of a sequence number.
     pub(super) fn state(&mut self, state: SiteState) {
-        if state.points.len() > POINTS_MAX || !state.points.iter().all(is_fit) {
-            return;
-        }
         if state.epoch != self.epoch {
             self.begin();
             self.epoch = state.epoch;

@@ -533,11 +533,18 @@ fn the_fastest_heartbeat_of_the_last_minutes_counts() {
     let mut hub = Hub::new();
     let (session, _) = hub.begins(FIRST).unwrap();
     hub.says("state", &state(&session, 0, &[]));
+    let late = Duration::from_secs(5);
+    // The first one is late as well, and is not known to be.
+    for is_late in [true, false, true] {
+        let sent = hub.now - if is_late { late } else { Duration::ZERO };
+        hub.says("beat", &beat(&session, sent, 0));
+        hub.now += Duration::from_secs(10);
+    }
+    assert_eq!(hub.view().vouched, Some(late + Duration::from_secs(10)));
     for _ in 0..30 {
         hub.beats(&session, 0);
         hub.now += Duration::from_secs(10);
     }
-    let late = Duration::from_secs(5);
     hub.says("beat", &beat(&session, hub.now - late, 0));
     assert_eq!(hub.view().vouched, Some(late));
 }

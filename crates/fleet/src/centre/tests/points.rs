@@ -44,7 +44,9 @@ fn points_are_known_where_all_is_there_that_a_heartbeat_vouches_for() {
     // Heartbeats end.
     hub.now += ONLINE;
     assert!(hub.knows().0);
+    assert_eq!(hub.view().behind, Some(12));
     hub.now += Duration::from_millis(1);
+    assert_eq!(hub.view().behind, None);
     assert_eq!(hub.knows(), (false, named(&[("b", 11), ("c", 12)])));
 }
 
