@@ -112,5 +112,5 @@ fn not_current(lang: Lang, site: &FleetSite) -> Failure {
         }
         None => lang.fill(FleetText::NeverSo, &[("site", &site.site)]),
     };
-    Failure::new(Code::NotCurrent, message)
+    Failure::new(Code::NotCurrent, message).diagnosed()
 }

@@ -103,7 +103,7 @@ railbus_words::texts! {
     }
     KeyEnds { en: "key valid until {day}", zh: "密钥有效期至 {day}" }
     ClockOff { en: "clock off by {time}", zh: "时钟偏差 {time}" }
-    AsOf { en: "as they were about {ago}, or later", zh: "约为{ago}或之后的值" }
+    AsOf { en: "as they were about {ago}, or later", zh: "约为 {ago}或之后的值" }
     WereSo {
         en: "the values of {site} are not current: they were so {ago}",
         zh: "{site} 的数值不是当前值：{ago}如此",
