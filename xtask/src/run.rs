@@ -1,8 +1,12 @@
 //! Starts other programs, and reports clearly when that fails.
 
 use std::fmt;
+use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
+use std::process::{Command, ExitStatus, Output, Stdio};
+use std::sync::mpsc;
+use std::thread;
+use std::time::Duration;
 
 /// Why a command failed.
 #[derive(Debug)]
@@ -65,26 +69,79 @@ pub(crate) fn cargo(root: &Path, args: &[&str]) -> Command {
     command
 }
 
-/// Runs a program to its end, with its output going where ours goes. It gets no standard input, so
-/// that nothing can wait for an answer on a machine without a keyboard.
+/// Runs a program to its end and prints what it says. It gets no standard input, so that nothing
+/// can wait for an answer on a machine without a keyboard. A failure repeats the lines that tell of
+/// it: the output of a whole run is longer than what is kept of it in some places.
 pub(crate) fn run(command: &mut Command) -> Result<()> {
-    run_attended(command.stdin(Stdio::null()))
+    let line = spell(command);
+    println!("$ {line}");
+    let not_started = |error: std::io::Error| cannot_start(&line, &error);
+    let (output, input) = std::io::pipe().map_err(not_started)?;
+    let both = input.try_clone().map_err(not_started)?;
+    let started = command
+        .stdin(Stdio::null())
+        .stdout(input)
+        .stderr(both)
+        .spawn();
+    // The command has ends of the pipe, too: while it has, the output does not end.
+    command.stdout(Stdio::null()).stderr(Stdio::null());
+    let mut child = started.map_err(not_started)?;
+    let (found, failures) = mpsc::channel();
+    thread::spawn(move || found.send(print_and_find(BufReader::new(output))));
+    let status = child.wait().map_err(not_started)?;
+    // A process that it left behind keeps the pipe open, and has nothing to say any more.
+    let failures = failures.recv_timeout(DRAINED_WITHIN).unwrap_or_default();
+    end(&line, status, &failures)
 }
 
-/// Like [`run`], for an interactive program.
+/// Like [`run`], for an interactive program, whose output goes where ours goes.
 pub(crate) fn run_attended(command: &mut Command) -> Result<()> {
     let line = spell(command);
     println!("$ {line}");
     let status = command
         .status()
         .map_err(|error| cannot_start(&line, &error))?;
+    end(&line, status, &[])
+}
+
+fn end(line: &str, status: ExitStatus, failures: &[String]) -> Result<()> {
     if status.success() {
         return Ok(());
     }
-    Err(Error::new(
-        format!("`{line}` failed ({status})"),
-        "its own output above says why",
-    ))
+    let mut what = format!("`{line}` failed ({status})");
+    for failure in failures {
+        what.push_str("\n    ");
+        what.push_str(failure);
+    }
+    Err(Error::new(what, "its own output above says why"))
+}
+
+/// How long what a program said last may take to come through the pipe once it has ended.
+const DRAINED_WITHIN: Duration = Duration::from_secs(10);
+
+/// So many failures are repeated, of which each line has at most so many characters.
+const REPEATED_MAX: usize = 12;
+const REPEATED_CHARACTERS: usize = 300;
+
+/// Prints all lines and returns those that tell of a failure: of a suite, a browser's test, a test,
+/// a compiler.
+fn print_and_find(mut output: impl BufRead) -> Vec<String> {
+    let mut failures = Vec::new();
+    let mut bytes = Vec::new();
+    while output
+        .read_until(b'\n', &mut bytes)
+        .is_ok_and(|read| read > 0)
+    {
+        let line = String::from_utf8_lossy(&bytes);
+        print!("{line}");
+        let line = line.trim();
+        let tells = ["FAILED ", "not ok ", "FAIL [", "error: ", "error["];
+        if failures.len() < REPEATED_MAX && tells.iter().any(|word| line.starts_with(word)) {
+            failures.push(line.chars().take(REPEATED_CHARACTERS).collect());
+        }
+        bytes.clear();
+    }
+    failures
 }
 
 /// Returns what a program prints on standard output; it must succeed.
@@ -146,6 +203,19 @@ mod tests {
             error,
             "`false` failed (exit status: 1) — its own output above says why"
         );
+    }
+
+    #[test]
+    fn a_failure_repeats_the_lines_that_tell_of_it() {
+        let said = "echo fine; echo 'not ok 3 - setup' >&2; echo '  FAIL [ 1 s] a::b'; exit 3";
+        let error = run(program(Path::new("."), "sh").args(["-c", said])).unwrap_err();
+        let error = error.to_string();
+        let lines: Vec<&str> = error.lines().skip(1).collect();
+        let wanted = [
+            "    not ok 3 - setup",
+            "    FAIL [ 1 s] a::b — its own output above says why",
+        ];
+        assert_eq!(lines, wanted, "{error}");
     }
 
     #[test]

@@ -8,7 +8,8 @@ use crate::run::Result;
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum End {
     Passed,
-    Failed,
+    /// What its last line said.
+    Failed(String),
     /// Not run, and why. Never silent: the table names it.
     Skipped(String),
 }
@@ -28,7 +29,7 @@ impl Summary {
             Ok(()) => End::Passed,
             Err(error) => {
                 println!("{name}: {error}");
-                End::Failed
+                End::Failed(error.to_string())
             }
         };
         let took = start.elapsed();
@@ -44,12 +45,16 @@ impl Summary {
 
     /// Whether no step failed.
     pub(crate) fn passed(&self) -> bool {
-        self.count(&End::Failed) == 0
+        self.failures().next().is_none()
     }
 
-    /// The table for the end of the run. Its last line is the count, in one fixed form.
+    /// The table for the end of the run, after what failed. Its last line is the count, in one
+    /// fixed form.
     pub(crate) fn table(&self) -> String {
         let mut text = String::new();
+        for (name, why) in self.failures() {
+            text.push_str(&format!("{name}: {why}\n\n"));
+        }
         for (name, end, took) in &self.rows {
             let detail = match end {
                 End::Skipped(why) => why.clone(),
@@ -57,13 +62,18 @@ impl Summary {
             };
             text.push_str(&format!("{name:<16} {:<8} {detail}\n", end.word()));
         }
-        let (passed, failed) = (self.count(&End::Passed), self.count(&End::Failed));
+        let passed = self.rows.iter().filter(|row| row.1 == End::Passed).count();
+        let failed = self.failures().count();
         text.push_str(&format!("steps: {passed} passed, {failed} failed\n"));
         text
     }
 
-    fn count(&self, end: &End) -> usize {
-        self.rows.iter().filter(|row| row.1 == *end).count()
+    /// The steps that failed, each with why.
+    fn failures(&self) -> impl Iterator<Item = (&'static str, &str)> {
+        self.rows.iter().filter_map(|(name, end, _)| match end {
+            End::Failed(why) => Some((*name, why.as_str())),
+            _ => None,
+        })
     }
 }
 
@@ -71,7 +81,7 @@ impl End {
     fn word(&self) -> &'static str {
         match self {
             Self::Passed => "passed",
-            Self::Failed => "FAILED",
+            Self::Failed(_) => "FAILED",
             Self::Skipped(_) => "skipped",
         }
     }
@@ -95,8 +105,9 @@ mod tests {
         assert!(!summary.passed());
         let table = summary.table();
         let lines: Vec<&str> = table.lines().collect();
-        assert!(lines[0].starts_with("first            FAILED"), "{table}");
-        assert_eq!(lines[2], "third            skipped  not here yet");
-        assert_eq!(lines[3], "steps: 1 passed, 1 failed");
+        assert_eq!(lines[0], "first: broken — mend it");
+        assert!(lines[2].starts_with("first            FAILED"), "{table}");
+        assert_eq!(lines[4], "third            skipped  not here yet");
+        assert_eq!(lines[5], "steps: 1 passed, 1 failed");
     }
 }
