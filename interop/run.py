@@ -12,6 +12,7 @@ import shutil
 import subprocess
 import sys
 import time
+import traceback
 
 import rig
 import tables
@@ -156,7 +157,8 @@ def run_all(wanted, at_once):
             name = running[future]
             if error := future.exception():
                 lost += 1
-                print(f"FAILED {name}: broke off, {type(error).__name__}: {error}", flush=True)
+                print(f"FAILED {name}: broke off, {type(error).__name__}: {error}, at "
+                      f"{whereabouts(error)}", flush=True)
                 continue
             tally, took = future.result()
             tallies.append((name, tally))
@@ -167,6 +169,13 @@ def run_all(wanted, at_once):
             words += [f"{unsayable} entries it cannot say"] if unsayable else []
             print(f"{name:37}" + "  ".join(words), flush=True)
     return tallies, lost
+
+
+def whereabouts(error):
+    """The lines of these suites that an error came through, the outermost first."""
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [frame for frame in frames if frame.filename.startswith(str(rig.ROOT / "interop"))]
+    return " > ".join(f"{os.path.basename(frame.filename)}:{frame.lineno}" for frame in own)
 
 
 def uncovered(tallies):
