@@ -58,12 +58,13 @@ def node_ports(count):
     held, ports = [], []
     while len(ports) < count:
         pair = [socket.socket(), socket.socket()]
-        for each in pair:
-            each.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             pair[0].bind((HOST, 0))
             port = pair[0].getsockname()[1]
             pair[1].bind((HOST, port + ROUTE_OFFSET))
+            # A server takes it from now on. Set before, it would let another suite have the port.
+            for each in pair:
+                each.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         except (OSError, OverflowError):
             for each in pair:
                 each.close()
@@ -243,7 +244,7 @@ class Centre:
             await message.respond(answer.SerializeToString())
 
         self.hellos_from = await self.hub.subscribe("rb.up.*.hello", "hub", cb=hello)
-        await self.hub.flush()
+        await flushed(self.hub)
 
     def listen(self):
         """It is there."""
@@ -253,7 +254,7 @@ class Centre:
         """It is away; the servers are not."""
         async def away():
             await self.hellos_from.unsubscribe()
-            await self.hub.flush()
+            await flushed(self.hub)
 
         self.run(away())
 
@@ -313,6 +314,14 @@ class Centre:
         self.loop.call_soon_threadsafe(self.loop.stop)
 
 
+async def flushed(client):
+    """The server has taken all that this client said. The client's own `flush` does not wait for
+    what is still to be written: its PING overtakes that."""
+    while client.is_connected and client.pending_data_size:
+        await asyncio.sleep(0)
+    await client.flush(timeout=PATIENCE)
+
+
 async def asked(client, subject, payload, within=INTEREST):
     """The answer to a request. That somebody listens takes a moment to be known in another
     account."""
@@ -331,7 +340,7 @@ async def forbidden(client, act, subject):
     before = len(client.said)
     await act()
     # The server complains before it answers this; the client tells of it a moment later.
-    await client.flush(timeout=PATIENCE)
+    await flushed(client)
     wanted = f'"{subject.lower()}"'
     deadline = asyncio.get_running_loop().time() + SAID_WITHIN
     while True:

@@ -13,7 +13,7 @@ import tempfile
 import threading
 import time
 
-from fleet import PROGRAM, Fleet, asked, messages
+from fleet import PROGRAM, Fleet, asked, flushed, messages
 from fleet_uplink_suite import SITE, Plant
 from modbus_tcp import PATIENCE, until
 from rig import Tally
@@ -143,7 +143,7 @@ class Site:
                 await message.respond(b"")
 
         await self.client.subscribe(f"rb.down.{self.name}.*.*", cb=note)
-        await self.client.flush()
+        await flushed(self.client)
 
     def hello(self, installation, boot):
         """Asks for a session: its name, or the code and reason of the refusal."""
@@ -167,7 +167,7 @@ class Site:
         """Publishes something."""
         async def say():
             await self.client.publish(f"rb.up.{self.name}.{what}", payload)
-            await self.client.flush()
+            await flushed(self.client)
 
         self.run(say())
 

@@ -11,7 +11,7 @@ import nkeys
 from nats.js.errors import APIError
 
 from fleet import (
-    Fleet, asked, claims_of, forbidden, inside, signed, unsigned, write_creds)
+    Fleet, asked, claims_of, flushed, forbidden, inside, signed, unsigned, write_creds)
 from modbus_tcp import PATIENCE
 from rig import Tally
 
@@ -76,12 +76,12 @@ class Plant:
             self.at_hub.append((message.subject, message.data))
 
         await self.hub.subscribe("rb.up.*.*", cb=note)
-        await self.hub.flush()
+        await flushed(self.hub)
 
     async def said(self, data):
         """Whether the centre hears this of the other site, and so everything before it."""
         await self.other.publish(f"rb.up.{OTHER}.beat", data)
-        await self.other.flush()
+        await flushed(self.other)
         deadline = time.monotonic() + PATIENCE
         while (f"rb.up.{OTHER}.beat", data) not in self.at_hub:
             if time.monotonic() > deadline:
@@ -118,7 +118,7 @@ async def own_ways(s):
     for kind in ("hello", "beat", "live"):
         await s.own.publish(f"rb.up.{OWN}.{kind}", b"x")
     # Another connection: what this one said has been passed on by then.
-    await s.own.flush(timeout=PATIENCE)
+    await flushed(s.own)
     s.check(entry, await s.said(b"1"), True, "a beat")
     for kind in ("hello", "beat", "live", "data"):
         subject = f"rb.up.{OWN}.{kind}"
@@ -130,7 +130,7 @@ async def own_ways(s):
         await message.respond(b"done " + message.data)
 
     await s.own.subscribe(f"rb.down.{OWN}.*.*", cb=answer)
-    await s.own.flush()
+    await flushed(s.own)
     for kind in ("cmd", "api", "watch", "resend"):
         got = await asked(s.hub, f"rb.down.{OWN}.s1.{kind}", kind.encode())
         s.check(entry, got.data, b"done " + kind.encode(), kind)
@@ -145,7 +145,7 @@ async def own_ways(s):
     streams = s.hub.jetstream(timeout=PATIENCE)
     came = asyncio.Queue()
     await s.own.subscribe(f"rb.desired.{OWN}.*", cb=came.put)
-    await s.own.flush()
+    await flushed(s.own)
     for site in (OWN, OTHER):
         await streams.publish(f"rb.desired.{site}.config", f"of {site}".encode())
     pushed = await asyncio.wait_for(came.get(), PATIENCE)
@@ -189,7 +189,7 @@ async def answers_elsewhere(s):
         for subject in FOREIGN[:-1]:
             await s.own.publish(via, b"deputy", reply=subject)
             sent += via.endswith(".data")
-    await s.own.flush(timeout=PATIENCE)
+    await flushed(s.own)
     # The last answer of each kind comes after all the others.
     for via in ASKED:
         await s.own.request(via, b"last", timeout=PATIENCE)
@@ -257,7 +257,7 @@ async def keys(s):
         path = write_creds(folder / "try.creds", token, seed)
         try:
             client = await s.fleet.connect(path, f"_INBOX.{OWN}", max_reconnect_attempts=0)
-            await client.flush(timeout=PATIENCE)
+            await flushed(client)
             got = client.is_connected
             await client.close()
         except (nats.errors.Error, OSError, asyncio.TimeoutError):
