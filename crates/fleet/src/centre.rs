@@ -7,6 +7,7 @@
 
 mod known;
 mod session;
+mod view;
 
 use crate::message::{
     Beat, DataBatch, FleetRefusal, Hello, HelloAnswer, SessionLease, SiteState, Welcome,
@@ -19,6 +20,7 @@ use prost::Message as _;
 use session::{Admission, admit};
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
+pub use view::{SitePresence, SiteView};
 
 /// A site is offline when no heartbeat came for this long: three of them and some slack.
 const ONLINE: Duration = Duration::from_secs(35);
@@ -101,46 +103,6 @@ pub enum CentreOutput {
     ReadLease(String),
     /// Send an empty request to this subject; the reply does not matter.
     Request(String),
-}
-
-/// Whether a site is connected.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum SitePresence {
-    /// The centre is not connected, or not long enough to tell.
-    Unknown,
-    /// Its heartbeats arrive.
-    Online,
-    /// They do not.
-    Offline,
-}
-
-/// What the centre knows of a site.
-#[derive(Clone, Debug)]
-pub struct SiteView<'c> {
-    /// Its name.
-    pub name: &'c str,
-    /// Whether it is connected.
-    pub presence: SitePresence,
-    /// The age of the last heartbeat of this session, by arrival.
-    pub heard: Option<Duration>,
-    /// The values are current: the site is online, everything its last heartbeat vouches for has
-    /// arrived, and that heartbeat was sent less than 35 s ago.
-    pub is_current: bool,
-    /// The age of the values: how long ago the heartbeat that last confirmed all of them was sent.
-    pub vouched: Option<Duration>,
-    /// How many entries were not delivered at its last heartbeat; none unless online.
-    pub behind: Option<u64>,
-    /// How far its clock is ahead of the centre's, in milliseconds, not corrected for the latency
-    /// of a message; none unless online.
-    pub clock_ahead_ms: Option<i64>,
-    /// Its version of railbus.
-    pub version: &'c str,
-    /// Until when its key is valid, in seconds since 1970; none where it does not expire.
-    pub key_expires_s: Option<i64>,
-    /// How long ago another machine with the site's key was refused the session.
-    pub duplicate: Option<Duration>,
-    /// Its points, by path.
-    pub points: &'c BTreeMap<String, KnownPoint>,
 }
 
 /// The machine that has the session.
