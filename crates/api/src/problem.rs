@@ -288,6 +288,10 @@ pub mod codes {
         FLEET_EPOCH = "E0166", 409;
         /// Also `reason`.
         FLEET_STREAMS = "E0167", 503;
+        /// Also `name`: the site, `reason`.
+        SITE_AWAY = "E0168", 503;
+        /// Also `reason`: what it is.
+        NOT_REMOTE = "E0937", 403;
         /// Also `name`.
         NO_SUCH_SITE = "E0836", 404;
         /// Also `reason`: its host ID.

@@ -115,6 +115,8 @@ pub(super) enum Known {
     },
     /// By a token of this id.
     Token(String),
+    /// By an outlet, over which it asks from elsewhere.
+    Outlet,
 }
 
 /// The caller of a request.

@@ -20,11 +20,13 @@ use std::time::Duration;
 /// The routes of this file.
 pub(super) const ROUTES: &[Route] =
     &[
-        Route::new("GET", "/events/stream", Need::VIEWER, || get(stream)).doc(
-            Doc::new("What happens, as it happens")
-                .media(&["text/event-stream"])
-                .answers::<EventInfo>(),
-        ),
+        Route::new("GET", "/events/stream", Need::VIEWER, || get(stream))
+            .stream()
+            .doc(
+                Doc::new("What happens, as it happens")
+                    .media(&["text/event-stream"])
+                    .answers::<EventInfo>(),
+            ),
     ];
 
 /// How many chunks are buffered for a slow reader; more wait at the site, which drops the oldest.

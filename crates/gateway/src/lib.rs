@@ -65,6 +65,7 @@ mod ops;
 mod order;
 mod points;
 mod ports;
+mod remote_api;
 #[cfg(test)]
 mod rights;
 mod route;
@@ -101,6 +102,7 @@ use railbus_site::{Config, Service};
 use railbus_words::Code;
 use railbus_words::Lang;
 use railbus_words::width;
+use routes::Audience;
 use serde_json::json;
 use site::Site;
 use std::io::Write;
@@ -404,6 +406,8 @@ async fn open_and_serve(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure
         is_trusted: matches!(wanted.tls, Some(CertificateSource::Files { .. }))
             && !wanted.listen.ip().is_loopback(),
     });
+    let from_elsewhere = routes::handlers(site.clone(), Audience::Remote);
+    northbound.serve_api(from_elsewhere, stopped.clone());
     let over_tcp = routes::router(site.clone(), Some(front));
     let mut listening = vec![tokio::spawn(listen::tcp(
         tcp,

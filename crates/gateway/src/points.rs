@@ -79,18 +79,21 @@ pub(super) const ROUTES: &[Route] = &[
     Route::new("GET", "/frames/stream", Need::VIEWER, || {
         get(frames::stream)
     })
+    .stream()
     .doc(
         Doc::new("What passes on a line, as it passes")
             .query(&[("line", "the line; may be left out where there is only one")])
             .media(&["application/x-ndjson"])
             .answers::<FrameEvent>(),
     ),
-    Route::new("GET", "/watch", Need::VIEWER, || get(stream::watch)).doc(
-        Doc::new("What changes, as it changes")
-            .query(&[SELECT])
-            .media(&["application/x-ndjson"])
-            .answers::<WatchEvent>(),
-    ),
+    Route::new("GET", "/watch", Need::VIEWER, || get(stream::watch))
+        .stream()
+        .doc(
+            Doc::new("What changes, as it changes")
+                .query(&[SELECT])
+                .media(&["application/x-ndjson"])
+                .answers::<WatchEvent>(),
+        ),
 ];
 
 /// How points are selected in a query.

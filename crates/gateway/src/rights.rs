@@ -4,8 +4,9 @@
 use super::access::{Caller, Gate, Known, Need, Reach, Role};
 use super::config::Desk;
 use super::northbound::Northbound;
+use super::remote_api::{RemoteRequest, remote_api};
 use super::route::{BASE, Route};
-use super::routes::{TOP, all, handlers};
+use super::routes::{Audience, TOP, all, handlers};
 use super::site::Site;
 use super::{ops, ws};
 use axum::body::{Body, to_bytes};
@@ -155,7 +156,11 @@ impl Here {
 
     fn router(&self, caller: Caller) -> Router {
         let is_owner = caller.known == Known::Owner;
-        handlers(self.site.clone(), is_owner).layer(Extension(caller))
+        let audience = match is_owner {
+            true => Audience::Owner,
+            false => Audience::Network,
+        };
+        handlers(self.site.clone(), audience).layer(Extension(caller))
     }
 }
 
@@ -254,6 +259,45 @@ async fn every_handler_is_behind_its_rule_for_everybody() {
         std::fs::read_to_string(here.folder.join("railbus.toml")).unwrap(),
         TEXT
     );
+}
+
+/// Whoever asks from elsewhere gets what a viewer may read and what ends, and nothing else.
+#[tokio::test]
+async fn from_elsewhere_it_is_answered_what_reads_and_ends() {
+    let here = Here::new("elsewhere");
+    let (api, calls) = remote_api();
+    let handlers = handlers(here.site.clone(), Audience::Remote);
+    tokio::spawn(calls.serve(handlers, here.site.stop.clone()));
+    let (mut answered, mut streams) = (0, 0);
+    for route in all() {
+        let path = format!("{BASE}{}", filled(route.path));
+        let asked = RemoteRequest {
+            method: route.method.to_owned(),
+            path: path.clone(),
+            user: "li".to_owned(),
+            language: String::new(),
+        };
+        let answer = api.ask("hq", asked).await.unwrap();
+        let problem: Value = serde_json::from_slice(&answer.body).unwrap_or_default();
+        let code = problem["code"].as_str().unwrap_or_default();
+        streams += u8::from(route.is_stream);
+        let wanted = match route.need {
+            _ if route.method != "GET" => "E0937",
+            Need::Owner => "E0110",
+            _ if !route.is_remote() => "E0937",
+            Need::Role(least) if least > Role::Viewer => "E0905",
+            _ => {
+                // E0105: one that does not end.
+                let is_refused = ["E0105", "E0902", "E0905", "E0937"].contains(&code);
+                assert!(!is_refused && answer.status != 405, "{path}: {code}");
+                answered += 1;
+                continue;
+            }
+        };
+        assert_eq!(code, wanted, "{} {path}", route.method);
+    }
+    assert!(answered > 20, "{answered}");
+    assert_eq!(streams, 4);
 }
 
 #[tokio::test]

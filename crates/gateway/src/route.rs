@@ -28,6 +28,8 @@ pub(super) struct Route {
     /// Its answer contains a secret, and so is not compressed: the compressed size would reveal
     /// something of it.
     pub(super) is_secret: bool,
+    /// Its answer does not end by itself.
+    pub(super) is_stream: bool,
     /// Its documentation in the OpenAPI document.
     pub(super) doc: Option<Doc>,
     /// The handler.
@@ -47,6 +49,7 @@ impl Route {
             need,
             reach: Reach::of(method, need),
             is_secret: false,
+            is_stream: false,
             doc: None,
             handler,
         }
@@ -58,6 +61,19 @@ impl Route {
             is_secret: true,
             ..self
         }
+    }
+
+    /// Its answer goes on until the client leaves.
+    pub(super) const fn stream(self) -> Route {
+        Route {
+            is_stream: true,
+            ..self
+        }
+    }
+
+    /// Whether it can be asked from elsewhere, over an outlet: it reads, and ends.
+    pub(super) fn is_remote(&self) -> bool {
+        self.method == "GET" && !self.is_stream && !self.is_secret
     }
 
     /// Its handler checks the caller's points.

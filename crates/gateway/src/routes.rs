@@ -9,7 +9,8 @@ use super::route::{Answer, BASE, Route};
 use super::site::Site;
 use super::{
     about, answer, capture, compress, config, control, event_stream, events, guard, history, loan,
-    localize, metrics, models, openapi, ops, points, ports, scans, send, settings, sim, web, ws,
+    localize, metrics, models, openapi, ops, points, ports, remote_api, scans, send, settings, sim,
+    web, ws,
 };
 use axum::extract::DefaultBodyLimit;
 use axum::http::StatusCode;
@@ -68,7 +69,11 @@ pub(super) const TOP: &[Route] = &[
 /// All routes; over TCP callers must be authenticated, and the request be meant for this daemon.
 pub(super) fn router(site: Site, front: Option<Arc<Front>>) -> Router {
     let access = Arc::clone(&site.access);
-    let router = handlers(site, front.is_none());
+    let audience = match &front {
+        Some(_) => Audience::Network,
+        None => Audience::Owner,
+    };
+    let router = handlers(site, audience);
     let is_strict = front.as_ref().is_some_and(|front| front.is_trusted);
     let router = match front {
         Some(front) => router
@@ -84,15 +89,28 @@ pub(super) fn router(site: Site, front: Option<Arc<Front>>) -> Router {
     }
 }
 
+/// Who is served.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Audience {
+    /// The daemon's own user, over its socket.
+    Owner,
+    /// Whoever comes over TCP.
+    Network,
+    /// Whoever asks from elsewhere, over an outlet.
+    Remote,
+}
+
 /// All routes and their handlers, each behind its permission check: the caller must be known by
 /// then.
-pub(super) fn handlers(site: Site, is_owners: bool) -> Router {
+pub(super) fn handlers(site: Site, audience: Audience) -> Router {
     // Routes for the daemon's own user do not exist for others.
-    let is_there = |route: &&Route| route.need != Need::Owner || is_owners;
+    let is_there = |route: &&Route| route.need != Need::Owner || audience == Audience::Owner;
     let add = |router: Router<Site>, route: &Route| {
-        let handler = match route.method == "GET" && !route.is_secret {
-            true => (route.handler)().layer(from_fn(compress::answer)),
-            false => (route.handler)(),
+        let handler = match (audience, route.method == "GET" && !route.is_secret) {
+            (Audience::Remote, _) if route.method != "GET" => return router,
+            (Audience::Remote, _) if !route.is_remote() => get(not_so_from_elsewhere),
+            (_, true) => (route.handler)().layer(from_fn(compress::answer)),
+            (_, false) => (route.handler)(),
         };
         let ruled = handler.layer(from_fn_with_state((route.need, route.reach), check));
         router.route(route.path, ruled)
@@ -116,6 +134,10 @@ async fn not_so() -> Answer {
         ..Problem::new(codes::NO_SUCH_PAGE)
     };
     answer::problem(&problem.with("reason", "not with this method"))
+}
+
+async fn not_so_from_elsewhere() -> Answer {
+    answer::problem(&remote_api::not_remote("a stream, or a secret"))
 }
 
 #[cfg(test)]

@@ -38,14 +38,16 @@ use tokio::time::{Instant, sleep_until, timeout};
 use topic::Topic;
 
 /// The routes of this file.
-pub(super) const ROUTES: &[Route] = &[Route::new("GET", "/ws", Need::VIEWER, || get(connect)).doc(
-    Doc::new("A WebSocket: subscribe to topics, and hear what changes")
-        .query(&[
-            ("lang", "en or zh"),
-            ("csrf", "with a session: its own token"),
-        ])
-        .status("101"),
-)];
+pub(super) const ROUTES: &[Route] = &[Route::new("GET", "/ws", Need::VIEWER, || get(connect))
+    .stream()
+    .doc(
+        Doc::new("A WebSocket: subscribe to topics, and hear what changes")
+            .query(&[
+                ("lang", "en or zh"),
+                ("csrf", "with a session: its own token"),
+            ])
+            .status("101"),
+    )];
 
 /// The longest message of a client.
 const MESSAGE_MAX: usize = 64 << 10;

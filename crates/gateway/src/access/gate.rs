@@ -376,6 +376,7 @@ impl Gate {
         let role = match &caller.known {
             Known::Not => None,
             Known::Owner => Some(Role::Admin),
+            Known::Outlet => Some(Role::Viewer),
             Known::Session { key, .. } => {
                 let lasts = self.sessions.lasts(key, Instant::now());
                 let user = self.unlocked(&caller.name).filter(|_| lasts);

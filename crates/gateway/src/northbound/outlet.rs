@@ -7,6 +7,7 @@ use super::secrets::Secrets;
 use super::supervisor::{Input, OutletCounts, OutletId, RunId, Supervised};
 use crate::access::Gate;
 use crate::access::secret::Secret;
+use crate::remote_api::RemoteApi;
 use jiff::Timestamp;
 use railbus_api::outlets::OutletError;
 use railbus_api::problem::{Problem, codes};
@@ -49,6 +50,12 @@ pub(crate) struct Outlet {
         expect(dead_code, reason = "clients of the other kinds do not sign in")
     )]
     pub(super) accounts: Arc<Gate>,
+    /// The API of the daemon, for those who ask over this outlet.
+    #[cfg_attr(
+        not(feature = "fleet"),
+        expect(dead_code, reason = "over the other kinds nobody asks it")
+    )]
+    pub(super) api: RemoteApi,
     /// The folder of what is kept.
     pub(super) folder: Arc<Path>,
     pub(super) stop: watch::Receiver<bool>,

@@ -8,6 +8,8 @@ use super::supervisor::{
     Input, Moment, OutletConfig, OutletCounts, OutletId, Output, RunId, Supervised, Supervisor,
 };
 use crate::access::Gate;
+use crate::remote_api::{RemoteApi, RemoteCalls, remote_api};
+use axum::Router;
 use jiff::Timestamp;
 use railbus_api::outlets::OutletState;
 use railbus_api::problem::{Problem, codes};
@@ -37,6 +39,9 @@ pub(crate) struct Northbound {
     pub(super) secrets: Arc<Secrets>,
     /// The accounts of the daemon.
     accounts: Arc<Gate>,
+    /// The API of the daemon, for outlets; and the requests, until they are served.
+    api: RemoteApi,
+    asked: Mutex<Option<RemoteCalls>>,
     /// The state folder.
     folder: Arc<Path>,
     began: Instant,
@@ -91,12 +96,15 @@ impl Northbound {
         accounts: &Arc<Gate>,
     ) -> Arc<Northbound> {
         let (secrets, lost) = Secrets::open(state);
+        let (api, asked) = remote_api();
         let northbound = Arc::new_cyclic(|me| Northbound {
             me: Weak::clone(me),
             site: site.into(),
             service: service.clone(),
             secrets: Arc::new(secrets),
             accounts: Arc::clone(accounts),
+            api,
+            asked: Mutex::new(Some(asked)),
             folder: state.into(),
             began: Instant::now(),
             state: Mutex::new(State {
@@ -124,6 +132,14 @@ impl Northbound {
             .flatten()
             .for_each(|each| self.spawn(each));
         tokio::spawn(Arc::clone(self).follow(changes));
+    }
+
+    /// Answers what outlets ask the API, with these handlers, until the daemon stops.
+    pub(crate) fn serve_api(&self, handlers: Router, stop: watch::Receiver<bool>) {
+        let mut asked = self.asked.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(asked) = asked.take() {
+            tokio::spawn(asked.serve(handlers, stop));
+        }
     }
 
     async fn follow(self: Arc<Self>, mut changes: watch::Receiver<u64>) {
@@ -243,6 +259,7 @@ impl Northbound {
             kind: config.kind,
             secrets: Arc::clone(&self.secrets),
             accounts: Arc::clone(&self.accounts),
+            api: self.api.clone(),
             folder: Arc::clone(&self.folder),
             stop,
         }

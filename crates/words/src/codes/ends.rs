@@ -233,6 +233,13 @@ codes! {
             SITE FILE",
             "重新生成并替换旧文件：railbus fleet creds 文件夹 站点 文件"],
     }
+    NotRemote = "E0937" {
+        title: ["this can't be done from the centre of a fleet", "此操作不能从站群中心进行"],
+        likely: ["from there the points, lines and records of a site can be read, and nothing can \
+            be switched or changed",
+            "从中心只能读取站点的点位、总线和记录，不能操作或修改"],
+        next: ["do it at the site", "在站点本地进行"],
+    }
     Differs = "E1001" {
         title: ["differences were found", "发现差异"],
         likely: ["the modules' settings are not as configured", "模块设置与期望不同"],

@@ -1,0 +1,339 @@
+//! The API for those who ask from elsewhere over an outlet, such as the centre of a fleet. They read
+//! what a viewer may read; nothing can be switched, changed or followed that way.
+//!
+//! Outlets run on threads of their own and reach nothing of the daemon. They hand requests over to
+//! it, which answers them with the same handlers as everybody's.
+
+use super::access::{Caller, Known, Role};
+use super::answer;
+use super::listen::ended;
+use super::route::BASE;
+use axum::Router;
+use axum::body::{Body, Bytes, to_bytes};
+use axum::http::header::{ACCEPT_LANGUAGE, CONTENT_TYPE};
+use axum::http::{Request, Response};
+use hyper::service::Service as _;
+use hyper_util::service::TowerToHyperService;
+use railbus_api::problem::{Problem, codes};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc, oneshot, watch};
+
+/// How many requests are under way at a time; others are refused.
+const REQUESTS_MAX: usize = 8;
+/// The longest body of an answer, in bytes: messages between sites and centre have 1 MiB at most.
+const BODY_MAX: usize = 900 << 10;
+/// How long an answer may take. A command lives 5 s, and so does a reading of a whole line.
+const ANSWER_MAX: Duration = Duration::from_secs(20);
+/// The longest name of who asks, in characters.
+const USER_MAX: usize = 64;
+
+/// What is asked.
+#[derive(Clone, Debug)]
+pub(crate) struct RemoteRequest {
+    /// The method of HTTP.
+    pub(crate) method: String,
+    /// The path with its query: `/api/v1/points?select=oven`.
+    pub(crate) path: String,
+    /// Who asks there.
+    pub(crate) user: String,
+    /// As in `Accept-Language`; empty for errors without texts.
+    pub(crate) language: String,
+}
+
+/// The response to it.
+#[derive(Clone, Debug)]
+pub(crate) struct RemoteAnswer {
+    /// The status of HTTP.
+    pub(crate) status: u16,
+    /// The media type of the body.
+    pub(crate) content_type: String,
+    pub(crate) body: Bytes,
+    /// How long it took from when it was asked.
+    pub(crate) took: Duration,
+}
+
+/// A request on its way to the handlers.
+struct RemoteCall {
+    request: RemoteRequest,
+    /// Through which outlet it came.
+    through: String,
+    asked: Instant,
+    to: oneshot::Sender<RemoteAnswer>,
+    /// One of those that may be under way.
+    _permit: OwnedSemaphorePermit,
+}
+
+/// The end of an outlet.
+#[derive(Clone, Debug)]
+pub(crate) struct RemoteApi {
+    calls: mpsc::Sender<RemoteCall>,
+    permits: Arc<Semaphore>,
+}
+
+/// The end of the daemon.
+pub(crate) struct RemoteCalls(mpsc::Receiver<RemoteCall>);
+
+/// Both ends.
+pub(crate) fn remote_api() -> (RemoteApi, RemoteCalls) {
+    let (calls, asked) = mpsc::channel(REQUESTS_MAX);
+    let permits = Arc::new(Semaphore::new(REQUESTS_MAX));
+    (RemoteApi { calls, permits }, RemoteCalls(asked))
+}
+
+impl RemoteApi {
+    /// Asks the API, through the outlet of this name.
+    ///
+    /// # Errors
+    /// [`codes::OVERLOADED`] if too many requests are under way, [`codes::DAEMON`] if the daemon is
+    /// stopping. Whatever the API says of the request is an answer.
+    #[cfg_attr(
+        not(any(test, feature = "fleet")),
+        expect(dead_code, reason = "nothing else asks from elsewhere")
+    )]
+    pub(crate) async fn ask(
+        &self,
+        outlet: &str,
+        request: RemoteRequest,
+    ) -> Result<RemoteAnswer, Problem> {
+        let permit = Arc::clone(&self.permits).try_acquire_owned();
+        let permit = permit.map_err(|_| Problem::new(codes::OVERLOADED))?;
+        let (to, answered) = oneshot::channel();
+        let call = RemoteCall {
+            request,
+            through: outlet.to_owned(),
+            asked: Instant::now(),
+            to,
+            _permit: permit,
+        };
+        let stopping = || Problem::new(codes::DAEMON).with("reason", "stopping");
+        // There is room for as many as may be under way.
+        self.calls.try_send(call).map_err(|_| stopping())?;
+        answered.await.map_err(|_| stopping())
+    }
+}
+
+impl RemoteCalls {
+    /// Answers requests with these handlers until the daemon stops.
+    pub(crate) async fn serve(mut self, handlers: Router, mut stop: watch::Receiver<bool>) {
+        loop {
+            let call = tokio::select! {
+                biased;
+                () = ended(&mut stop) => return,
+                call = self.0.recv() => call,
+            };
+            let Some(call) = call else {
+                return;
+            };
+            tokio::spawn(answered(handlers.clone(), call));
+        }
+    }
+}
+
+async fn answered(handlers: Router, call: RemoteCall) {
+    let user: String = call.request.user.chars().take(USER_MAX).collect();
+    let caller = Caller {
+        // Not to be taken for one of the daemon's own users, whose names have no colon.
+        name: format!("{}:{user}", call.through),
+        id: format!("outlet:{}", call.through),
+        role: Some(Role::Viewer),
+        via: format!("outlet:{}", call.through),
+        points: Arc::default(),
+        known: Known::Outlet,
+    };
+    let late = || {
+        let reason = format!("no end within {} s", ANSWER_MAX.as_secs());
+        Problem::new(codes::OVERLOADED).with("reason", reason)
+    };
+    let asked = whole(handlers, caller, &call.request);
+    let answer = match tokio::time::timeout(ANSWER_MAX, asked).await {
+        Ok(Ok(answer)) => Ok(answer),
+        Ok(Err(problem)) => Err(problem),
+        Err(_) => Err(late()),
+    };
+    let (status, content_type, body) = match answer {
+        Ok(answer) => answer,
+        // A problem fits, and ends.
+        Err(problem) => collected(answer::problem(&problem))
+            .await
+            .unwrap_or_default(),
+    };
+    // Fails if nobody waits for it any more.
+    let _ = call.to.send(RemoteAnswer {
+        status,
+        content_type,
+        body,
+        took: call.asked.elapsed(),
+    });
+}
+
+type Whole = (u16, String, Bytes);
+
+async fn whole(handlers: Router, caller: Caller, asked: &RemoteRequest) -> Result<Whole, Problem> {
+    if asked.method != "GET" {
+        return Err(not_remote(&asked.method));
+    }
+    let is_of_api = asked
+        .path
+        .strip_prefix(BASE)
+        .is_some_and(|rest| rest.starts_with('/'));
+    if !is_of_api {
+        return Err(Problem::new(codes::NO_SUCH_PAGE));
+    }
+    let request = Request::builder().uri(&asked.path);
+    let request = match asked.language.is_empty() {
+        true => request,
+        false => request.header(ACCEPT_LANGUAGE, &asked.language),
+    };
+    let request = request.extension(caller).body(Body::empty());
+    let request = request
+        .map_err(|error| Problem::new(codes::BAD_REQUEST).with("reason", error.to_string()))?;
+    let Ok(response) = TowerToHyperService::new(handlers).call(request).await;
+    collected(response).await
+}
+
+async fn collected(response: Response<Body>) -> Result<Whole, Problem> {
+    let (head, body) = response.into_parts();
+    let content_type = head.headers.get(CONTENT_TYPE);
+    let content_type = content_type.and_then(|value| value.to_str().ok());
+    let content_type = content_type.unwrap_or_default().to_owned();
+    let body = to_bytes(body, BODY_MAX).await;
+    let body = body.map_err(|_| not_remote(&format!("more than {} KiB", BODY_MAX >> 10)))?;
+    Ok((head.status.as_u16(), content_type, body))
+}
+
+/// Not for those who ask from elsewhere.
+pub(super) fn not_remote(reason: &str) -> Problem {
+    Problem::new(codes::NOT_REMOTE).with("reason", reason)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use axum::Extension;
+    use axum::routing::get;
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    fn request(path: &str) -> RemoteRequest {
+        RemoteRequest {
+            method: "GET".to_owned(),
+            path: path.to_owned(),
+            user: "li".to_owned(),
+            language: String::new(),
+        }
+    }
+
+    fn code(answer: &RemoteAnswer) -> String {
+        let problem: Problem = serde_json::from_slice(&answer.body).unwrap();
+        assert_eq!(problem.status, answer.status);
+        assert_eq!(answer.content_type, "application/problem+json");
+        problem.code
+    }
+
+    fn serving(handlers: Router) -> (RemoteApi, watch::Sender<bool>) {
+        let (api, calls) = remote_api();
+        let (stop, stopped) = watch::channel(false);
+        tokio::spawn(calls.serve(handlers, stopped));
+        (api, stop)
+    }
+
+    #[tokio::test]
+    async fn who_asks_is_a_viewer_named_by_the_outlet() {
+        let who = get(async |Extension(caller): Extension<Caller>| format!("{caller:?}"));
+        let (api, _stop) = serving(Router::new().route("/api/v1/who", who));
+        let long = RemoteRequest {
+            user: "x".repeat(1_000),
+            ..request("/api/v1/who?x=y")
+        };
+        let answer = api.ask("hq", long).await.unwrap();
+        let caller = Caller {
+            name: format!("hq:{}", "x".repeat(USER_MAX)),
+            id: "outlet:hq".to_owned(),
+            role: Some(Role::Viewer),
+            via: "outlet:hq".to_owned(),
+            points: Arc::default(),
+            known: Known::Outlet,
+        };
+        assert_eq!(answer.body, format!("{caller:?}"));
+        assert_eq!(answer.status, 200);
+        assert!(answer.content_type.starts_with("text/plain"));
+    }
+
+    #[tokio::test]
+    async fn what_is_no_request_for_reading_reaches_no_handler() {
+        let reached = Arc::new(AtomicUsize::new(0));
+        let counted = Arc::clone(&reached);
+        let handler = async move || counted.fetch_add(1, Ordering::Relaxed).to_string();
+        let (api, _stop) = serving(Router::new().fallback(handler));
+        for method in ["PUT", "POST", "DELETE", "HEAD", "get", ""] {
+            let asked = RemoteRequest {
+                method: method.to_owned(),
+                ..request("/api/v1/points")
+            };
+            let answer = api.ask("hq", asked).await.unwrap();
+            assert_eq!(code(&answer), "E0937", "{method}");
+        }
+        for path in [
+            "",
+            "/",
+            "/api/v1",
+            "/api/v10/x",
+            "/metrics",
+            "http://x/api/v1/y",
+        ] {
+            let answer = api.ask("hq", request(path)).await.unwrap();
+            assert_eq!(code(&answer), "E0110", "{path}");
+        }
+        let answer = api.ask("hq", request("/api/v1/\u{0}")).await.unwrap();
+        assert_eq!(code(&answer), "E0806");
+        assert_eq!(reached.load(Ordering::Relaxed), 0);
+    }
+
+    #[tokio::test]
+    async fn what_is_too_long_for_a_message_is_refused() {
+        let long = |length: usize| get(async move || "x".repeat(length));
+        let handlers = Router::new()
+            .route("/api/v1/fits", long(BODY_MAX))
+            .route("/api/v1/not", long(BODY_MAX + 1));
+        let (api, _stop) = serving(handlers);
+        let fits = api.ask("hq", request("/api/v1/fits")).await.unwrap();
+        assert_eq!((fits.status, fits.body.len()), (200, BODY_MAX));
+        let long = api.ask("hq", request("/api/v1/not")).await.unwrap();
+        assert_eq!(code(&long), "E0937");
+    }
+
+    /// The time runs by itself where all wait.
+    #[tokio::test(start_paused = true)]
+    async fn so_many_are_under_way_and_none_for_ever() {
+        let never = get(std::future::pending::<()>);
+        let (api, _stop) = serving(Router::new().route("/api/v1/never", never));
+        let ask = || {
+            let api = api.clone();
+            tokio::spawn(async move { api.ask("hq", request("/api/v1/never")).await })
+        };
+        let under_way: Vec<_> = (0..REQUESTS_MAX).map(|_| ask()).collect();
+        tokio::time::sleep(ANSWER_MAX / 2).await;
+        assert_eq!(ask().await.unwrap().unwrap_err().code, "E0105");
+        for asked in under_way {
+            assert_eq!(code(&asked.await.unwrap().unwrap()), "E0105");
+        }
+        // Whose caller is gone is under way all the same.
+        let left = ask();
+        tokio::time::sleep(ANSWER_MAX / 2).await;
+        left.abort();
+        let others: Vec<_> = (1..REQUESTS_MAX).map(|_| ask()).collect();
+        tokio::time::sleep(Duration::from_secs(1)).await;
+        assert_eq!(ask().await.unwrap().unwrap_err().code, "E0105");
+        for asked in others {
+            assert_eq!(code(&asked.await.unwrap().unwrap()), "E0105");
+        }
+    }
+
+    #[tokio::test]
+    async fn nothing_waits_for_a_daemon_that_stops() {
+        let (api, stop) = serving(Router::new());
+        stop.send(true).unwrap();
+        let answer = api.ask("hq", request("/api/v1/points")).await;
+        assert_eq!(answer.unwrap_err().code, Problem::new(codes::DAEMON).code);
+    }
+}
