@@ -132,6 +132,43 @@ pub struct ResendAnswer {
     pub refusal: Option<FleetRefusal>,
 }
 
+/// A request to the API of a site.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct ApiRequest {
+    /// The method of HTTP.
+    #[prost(string, tag = "1")]
+    pub method: String,
+    /// The path with its query.
+    #[prost(string, tag = "2")]
+    pub path: String,
+    /// Who asks, as the centre knows him.
+    #[prost(string, tag = "3")]
+    pub user: String,
+    /// As in `Accept-Language`; empty for errors without texts.
+    #[prost(string, tag = "4")]
+    pub language: String,
+}
+
+/// The answer to [`ApiRequest`].
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct ApiAnswer {
+    /// None where the API was asked.
+    #[prost(message, optional, tag = "1")]
+    pub refusal: Option<FleetRefusal>,
+    /// The status of HTTP.
+    #[prost(uint32, tag = "2")]
+    pub status: u32,
+    /// The media type of the body.
+    #[prost(string, tag = "3")]
+    pub content_type: String,
+    /// The body.
+    #[prost(bytes = "vec", tag = "4")]
+    pub body: Vec<u8>,
+    /// How long the site took, in milliseconds.
+    #[prost(uint64, tag = "5")]
+    pub took_ms: u64,
+}
+
 /// Entries that are there no longer.
 #[derive(Clone, Copy, PartialEq, prost::Message)]
 pub struct Dropped {

@@ -6,10 +6,11 @@ use crate::nats::next;
 use crate::northbound::broker::session::Tries;
 use crate::northbound::outbox::{self, OutboxHandle, OutboxState, Reading, StateAt};
 use crate::northbound::outlet::Outlet;
+use crate::remote_api::{RemoteApi, RemoteRequest};
 use async_nats::{HeaderMap, Message, StatusCode, Subscriber};
 use prost::Message as _;
 use railbus_api::problem::{Problem, codes};
-use railbus_fleet::message::{FleetRefusal, Resend, ResendAnswer};
+use railbus_fleet::message::{ApiAnswer, ApiRequest, FleetRefusal, Resend, ResendAnswer};
 use railbus_fleet::uplink::{
     NoResend, OutboxHead, READ_MAX, SiteIdentity, UpMessage, Uplink, UplinkFault, UplinkInput,
     UplinkOutput,
@@ -287,6 +288,10 @@ impl Driver {
                 self.handle(UplinkInput::Ended(&session));
                 Vec::new()
             }
+            Some("api") => {
+                self.ask_api(connection, asked);
+                return;
+            }
             Some("resend") => self.resend(&asked.payload).encode_to_vec(),
             Some("state") => {
                 self.uplink.send_state();
@@ -299,6 +304,20 @@ impl Driver {
             // Fails where the connection has ended.
             let _ = connection.client.publish(reply, said.into()).await;
         }
+    }
+
+    /// Asks the API of this site, and answers once it has; meanwhile all else goes on.
+    fn ask_api(&self, connection: &Connection, asked: Message) {
+        let Some(reply) = asked.reply else {
+            return;
+        };
+        let (api, client) = (self.outlet.api.clone(), connection.client.clone());
+        let name = self.outlet.name.clone();
+        tokio::spawn(async move {
+            let answer = api_answer(&api, &name, &asked.payload).await;
+            // Fails where the connection has ended.
+            let _ = client.publish(reply, answer.encode_to_vec().into()).await;
+        });
     }
 
     fn resend(&mut self, asked: &[u8]) -> ResendAnswer {
@@ -425,10 +444,44 @@ async fn publish(connection: &Connection, message: UpMessage) -> Result<(), Prob
 
 fn refused(problem: &Problem) -> ResendAnswer {
     ResendAnswer {
-        refusal: Some(FleetRefusal {
-            code: problem.code.clone(),
-            reason: problem.text("reason").to_owned(),
-        }),
+        refusal: Some(refusal(problem)),
+    }
+}
+
+fn refusal(problem: &Problem) -> FleetRefusal {
+    FleetRefusal {
+        code: problem.code.clone(),
+        reason: problem.text("reason").to_owned(),
+    }
+}
+
+/// What the API of this site answers.
+async fn api_answer(api: &RemoteApi, outlet: &str, asked: &[u8]) -> ApiAnswer {
+    let refused = |problem: &Problem| ApiAnswer {
+        refusal: Some(refusal(problem)),
+        ..ApiAnswer::default()
+    };
+    let asked = match ApiRequest::decode(asked) {
+        Ok(asked) => asked,
+        Err(why) => {
+            return refused(&Problem::new(codes::BAD_REQUEST).with("reason", why.to_string()));
+        }
+    };
+    let request = RemoteRequest {
+        method: asked.method,
+        path: asked.path,
+        user: asked.user,
+        language: asked.language,
+    };
+    match api.ask(outlet, request).await {
+        Ok(answer) => ApiAnswer {
+            refusal: None,
+            status: answer.status.into(),
+            content_type: answer.content_type,
+            body: answer.body.into(),
+            took_ms: u64::try_from(answer.took.as_millis()).unwrap_or(u64::MAX),
+        },
+        Err(problem) => refused(&problem),
     }
 }
 
