@@ -5,6 +5,10 @@ use super::types::Quality;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+/// The header of what a site answers through its centre, `/s/SITE/api/v1/…`: how long that was on
+/// its way, in milliseconds. Ages in the answer are older by so much.
+pub const TRANSIT_HEADER: &str = "railbus-transit-ms";
+
 /// `GET /fleet/v1/sites`: all sites that ever reported.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FleetSites {

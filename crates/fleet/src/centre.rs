@@ -262,6 +262,7 @@ impl Centre {
             vouched: site.vouched.map(ago),
             behind: present.map(|b| b.beat.newest.saturating_sub(b.beat.delivered)),
             clock_ahead_ms: present.map(|beat| beat.clock_ahead_ms),
+            session: lease.map_or("", |lease| &lease.session),
             version: lease.map_or("", |lease| &lease.version),
             key_expires_s: lease.and_then(|lease| lease.key_expires_s),
             duplicate: site.duplicate.map(ago),

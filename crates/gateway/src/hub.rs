@@ -3,11 +3,13 @@
 //!
 //! # Where things are
 //! - What is decided, without I/O: `railbus_fleet::centre`. What drives it: `driver`. Its
-//!   connection, and the streams of its servers: `link`. What it tells: `routes`, `view`.
+//!   connection, and the streams of its servers: `link`. What it tells: `routes`, `view`. What
+//!   sites tell through it: `site_api`.
 
 mod driver;
 mod link;
 mod routes;
+mod site_api;
 mod view;
 
 use crate::listen::{self, ConnectionLimit};

@@ -34,6 +34,9 @@ pub struct SiteView<'c> {
     /// How far its clock is ahead of the centre's, in milliseconds, not corrected for the latency
     /// of a message; none unless online.
     pub clock_ahead_ms: Option<i64>,
+    /// Its present session, for what it is asked; empty if it never had one. Nobody listens there
+    /// while it is away.
+    pub session: &'c str,
     /// Its version of railbus.
     pub version: &'c str,
     /// Until when its key is valid, in seconds since 1970; none where it does not expire.

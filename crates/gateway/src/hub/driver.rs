@@ -2,6 +2,7 @@
 
 use super::HubText;
 use super::link::{HubFiles, Link, Opened};
+use super::site_api::SiteWay;
 use super::view;
 use crate::access::secret::{hex, random};
 use crate::listen;
@@ -41,6 +42,8 @@ pub(super) enum HubCall {
     Sites(oneshot::Sender<FleetSites>),
     /// A site with its points; the problem if there is none of this name, or that is not known.
     Site(String, oneshot::Sender<Result<FleetSitePoints, Problem>>),
+    /// How a site is asked; the problem if it can't be.
+    Way(String, oneshot::Sender<Result<SiteWay, Problem>>),
 }
 
 /// The latest lease of a site and its revision; none if there is none.
@@ -163,7 +166,7 @@ impl Driver {
             tokio::select! {
                 () = listen::ended(&mut self.stopped) => return None,
                 end = &mut what => return Some(end),
-                call = self.calls.recv() => self.answer(call?),
+                call = self.calls.recv() => self.answer(call?, None),
             }
         }
     }
@@ -225,7 +228,7 @@ impl Driver {
             if self.was_suspended() {
                 if let Heard::Call(call) = heard {
                     self.handle(CentreInput::Lost);
-                    self.answer(call);
+                    self.answer(call, None);
                 }
                 // Queued leases may be older than the known ones.
                 return LinkEnd::Broken(ended(&"this process was suspended"));
@@ -242,7 +245,7 @@ impl Driver {
                 }
                 Heard::End(end) => self.stream_end(end),
                 Heard::Tick => {}
-                Heard::Call(call) => self.answer(call),
+                Heard::Call(call) => self.answer(call, Some(link)),
                 Heard::Ended(end) => return end,
             }
         }
@@ -391,8 +394,13 @@ impl Driver {
         });
     }
 
-    fn answer(&self, call: HubCall) {
+    fn answer(&self, call: HubCall, link: Option<&Link>) {
         let now = since_boot();
+        // Before the first connection the sites are not known.
+        let none = |name: &str| match &self.error {
+            Some((problem, _)) if !self.has_read => problem.clone(),
+            _ => Problem::new(codes::NO_SUCH_SITE).with("name", name),
+        };
         // Sending fails if the client is gone.
         match call {
             HubCall::Sites(to) => {
@@ -401,12 +409,19 @@ impl Driver {
             }
             HubCall::Site(name, to) => {
                 let site = self.centre.site(now, &name);
-                let none = || match &self.error {
-                    // Before the first connection the sites are not known.
-                    Some((problem, _)) if !self.has_read => problem.clone(),
-                    _ => Problem::new(codes::NO_SUCH_SITE).with("name", name.clone()),
-                };
-                _ = to.send(site.as_ref().map(view::site_points).ok_or_else(none));
+                let site = site.as_ref().map(view::site_points);
+                _ = to.send(site.ok_or_else(|| none(&name)));
+            }
+            HubCall::Way(name, to) => {
+                let site = self.centre.site(now, &name).ok_or_else(|| none(&name));
+                let way = site.and_then(|site| match link {
+                    Some(link) => Ok(link.way(site.name, site.session)),
+                    None => Err(match &self.error {
+                        Some((problem, _)) => problem.clone(),
+                        None => ended(&"disconnected"),
+                    }),
+                });
+                _ = to.send(way);
             }
         }
     }

@@ -1,5 +1,6 @@
 //! The centre's connection to its servers, and the streams it has there.
 
+use super::site_api::SiteWay;
 use crate::nats::{next, unreached};
 use crate::northbound::broker::trusting;
 use async_nats::jetstream::consumer::pull::{Ordered, OrderedConfig};
@@ -207,6 +208,15 @@ impl Opened {
 
 impl Link {
     /// The server that it is connected to.
+    /// How a site is asked in this session.
+    pub(super) fn way(&self, site: &str, session: &str) -> SiteWay {
+        SiteWay {
+            client: self.client.clone(),
+            subject: format!("rb.down.{site}.{session}.api"),
+            is_up: self.is_up.clone(),
+        }
+    }
+
     pub(super) fn server(&self) -> String {
         let info = self.client.server_info();
         format!("{} {}", info.server_name, info.version)

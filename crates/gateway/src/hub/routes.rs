@@ -1,13 +1,15 @@
 //! What the centre tells over its socket.
 
 use super::driver::HubCall;
+use super::site_api;
 use crate::{answer, guard};
 use axum::Router;
 use axum::body::Body;
 use axum::extract::{Path, State};
-use axum::http::Response;
+use axum::http::header::ACCEPT_LANGUAGE;
+use axum::http::{HeaderMap, Method, Response, Uri};
 use axum::middleware::from_fn;
-use axum::routing::get;
+use axum::routing::{any, get};
 use railbus_api::problem::{Problem, codes};
 use tokio::sync::{mpsc, oneshot};
 
@@ -18,6 +20,7 @@ pub(super) fn router(calls: Calls) -> Router {
     Router::new()
         .route("/fleet/v1/sites", get(sites))
         .route("/fleet/v1/sites/{site}", get(site))
+        .route("/s/{site}/{*path}", any(site_api))
         .fallback(async || answer::problem(&Problem::new(codes::NO_SUCH_PAGE)))
         .with_state(calls)
         .layer(from_fn(guard::headers))
@@ -30,6 +33,29 @@ async fn sites(State(calls): State<Calls>) -> Response<Body> {
 async fn site(State(calls): State<Calls>, Path(name): Path<String>) -> Response<Body> {
     let found = ask(&calls, |to| HubCall::Site(name, to)).await;
     answer::json(found.and_then(|found| found))
+}
+
+/// The API of a site: the path behind its name, with the query.
+async fn site_api(
+    State(calls): State<Calls>,
+    Path((name, _)): Path<(String, String)>,
+    method: Method,
+    uri: Uri,
+    headers: HeaderMap,
+) -> Response<Body> {
+    let path = uri.path_and_query().map_or("", |path| path.as_str());
+    let path = path.splitn(4, '/').nth(3).unwrap_or_default();
+    let language = headers.get(ACCEPT_LANGUAGE);
+    let language = language.and_then(|value| value.to_str().ok());
+    let request = site_api::request(&method, &format!("/{path}"), language.unwrap_or_default());
+    let asked = async {
+        let request = request?;
+        let way = ask(&calls, |to| HubCall::Way(name.clone(), to)).await??;
+        Ok(site_api::ask(way, &name, request).await)
+    };
+    asked
+        .await
+        .unwrap_or_else(|problem: Problem| answer::problem(&problem))
 }
 
 async fn ask<T>(
