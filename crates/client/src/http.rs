@@ -6,6 +6,7 @@ use hyper::client::conn::http1;
 use hyper::header::{CONTENT_TYPE, HOST, IF_MATCH};
 use hyper::{Method, Request, Response, StatusCode};
 use hyper_util::rt::TokioIo;
+use railbus_api::fleet::TRANSIT_HEADER;
 use railbus_api::problem::{Problem, codes};
 use std::path::Path;
 use std::time::Duration;
@@ -92,6 +93,15 @@ pub(super) async fn send_asked(socket: &Path, asked: Asked<'_>) -> Result<Answer
 }
 
 impl Answer {
+    /// How long it was on its way from a site to the centre of its fleet, in milliseconds.
+    pub(super) fn transit_ms(&self) -> u64 {
+        let header = self.response.headers().get(TRANSIT_HEADER);
+        let header = header.and_then(|value| value.to_str().ok());
+        header
+            .and_then(|text| text.parse().ok())
+            .unwrap_or_default()
+    }
+
     /// The whole body; an error if the daemon reports a problem.
     pub(super) async fn whole(self) -> Result<Bytes, Problem> {
         let status = self.response.status();

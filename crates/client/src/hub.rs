@@ -35,6 +35,11 @@ impl HubClient {
         Err(Problem::new(codes::DAEMON).with_hint("railbus fleet serve DIR"))
     }
 
+    /// The path of its socket.
+    pub(crate) fn socket(&self) -> &Path {
+        &self.socket
+    }
+
     /// All sites.
     ///
     /// # Errors

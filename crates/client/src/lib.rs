@@ -11,7 +11,7 @@ mod hub;
 
 pub use hub::HubClient;
 
-use http::{Asked, Lines as TextLines, send, send_asked};
+use http::{Answer, Asked, Lines as TextLines, send, send_asked};
 use hyper::Method;
 use railbus_api::control::{
     BatchAnswer, GroupInfo, GroupRequest, Groups, SceneInfo, SceneRequest, Scenes,
@@ -22,7 +22,8 @@ use railbus_api::problem::{Problem, ProblemType, codes};
 use railbus_api::sending::{SendAnswer, SendRequest};
 use railbus_api::types::{
     FrameEvent, LineInfo, Lines, ModuleInfo, Modules, OutputsRequest, OutputsWritten, PointInfo,
-    Points, PulseRequest, Pulsed, SiteInfo, ToggleRequest, WatchEvent, WriteRequest, Written,
+    Points, PulseRequest, Pulsed, Quality, SiteInfo, ToggleRequest, WatchEvent, WriteRequest,
+    Written,
 };
 use railbus_app::config_file;
 use railbus_app::socket;
@@ -42,6 +43,8 @@ use tokio::task::JoinHandle;
 const BACK_TRIES: usize = 50;
 const BACK_PAUSE: Duration = Duration::from_millis(20);
 
+/// The version of the API.
+const SCHEMA: u8 = 1;
 /// The endpoint that identifies the site.
 const SITE: &str = "/api/v1/site";
 /// Its timeout: the daemon knows the answer without asking anyone.
@@ -53,6 +56,8 @@ const SEARCH: Duration = Duration::from_secs(5);
 pub struct DaemonClient {
     socket: PathBuf,
     site: SiteInfo,
+    /// Its name, for a site behind the centre of a fleet: the socket is that of the centre.
+    far: Option<String>,
 }
 
 /// The resolution of a history.
@@ -168,7 +173,28 @@ impl DaemonClient {
         Ok(DaemonClient {
             site: read(socket, &body)?,
             socket: socket.to_owned(),
+            far: None,
         })
+    }
+
+    /// The daemon of a site of a fleet, asked through its centre. It can only be read: nothing is
+    /// switched or followed that way, and its files are not here.
+    pub fn far(hub: &HubClient, site: &str) -> DaemonClient {
+        DaemonClient {
+            socket: hub.socket().to_owned(),
+            site: SiteInfo {
+                schema: SCHEMA,
+                demo: false,
+                config: site.to_owned(),
+                state: String::new(),
+            },
+            far: Some(site.to_owned()),
+        }
+    }
+
+    /// Whether it is a site of a fleet, asked through its centre.
+    pub const fn is_far(&self) -> bool {
+        self.far.is_some()
     }
 
     /// The daemons at the usual places; or why one gives no valid answer.
@@ -264,8 +290,12 @@ impl DaemonClient {
             select(selectors),
             fresh_as_query(fresh)
         );
-        let points: Points = self.get(&path).await?;
-        Ok(points.points)
+        let answer = self.ask(Method::GET, &path, Vec::new()).await?;
+        let transit_ms = answer.transit_ms();
+        let points: Points = self.read(&answer.whole().await?)?;
+        let mut points = points.points;
+        points.iter_mut().for_each(|point| aged(point, transit_ms));
+        Ok(points)
     }
 
     /// Switches one output.
@@ -332,7 +362,7 @@ impl DaemonClient {
     /// Follows the selected points, all by default.
     pub async fn watch(&self, selectors: &[String]) -> Result<Watch, Problem> {
         let path = format!("/api/v1/watch?{}", select(selectors));
-        let answer = send(&self.socket, Method::GET, &path, Vec::new()).await?;
+        let answer = self.ask(Method::GET, &path, Vec::new()).await?;
         Ok(Watch(answer.lines().await?))
     }
 
@@ -340,14 +370,14 @@ impl DaemonClient {
     pub async fn frames(&self, line: Option<&str>) -> Result<Frames, Problem> {
         let line = line.map(|line| format!("line={}", encoded(line)));
         let path = format!("/api/v1/frames/stream?{}", line.unwrap_or_default());
-        let answer = send(&self.socket, Method::GET, &path, Vec::new()).await?;
+        let answer = self.ask(Method::GET, &path, Vec::new()).await?;
         Ok(Frames(answer.lines().await?))
     }
 
     /// Borrows a line: its port is free when this returns, until the loan is dropped.
     pub async fn borrow(&self, line: &str) -> Result<Borrowed, Problem> {
         let path = format!("/api/v1/lines/{}/loan", encoded(line));
-        let answer = send(&self.socket, Method::POST, &path, Vec::new()).await?;
+        let answer = self.ask(Method::POST, &path, Vec::new()).await?;
         let mut lines = answer.lines().await?;
         match lines.next().await {
             Some(Ok(_)) => Ok(Borrowed::new(lines)),
@@ -396,7 +426,7 @@ impl DaemonClient {
     pub async fn audit(&self, is_csv: bool) -> Result<LogLines, Problem> {
         let form = if is_csv { "csv" } else { "ndjson" };
         let path = format!("/api/v1/audit/export?format={form}&lang=en");
-        let answer = send(&self.socket, Method::GET, &path, Vec::new()).await?;
+        let answer = self.ask(Method::GET, &path, Vec::new()).await?;
         Ok(LogLines(answer.lines().await?))
     }
 
@@ -412,8 +442,18 @@ impl DaemonClient {
         self.send(method, &path, body).await
     }
 
+    async fn ask(&self, method: Method, path: &str, body: Vec<u8>) -> Result<Answer, Problem> {
+        match &self.far {
+            None => send(&self.socket, method, path, body).await,
+            Some(site) => {
+                let path = format!("/s/{}{path}", encoded(site));
+                send(&self.socket, method, &path, body).await
+            }
+        }
+    }
+
     async fn get<T: DeserializeOwned>(&self, path: &str) -> Result<T, Problem> {
-        let answer = send(&self.socket, Method::GET, path, Vec::new()).await?;
+        let answer = self.ask(Method::GET, path, Vec::new()).await?;
         self.read(&answer.whole().await?)
     }
 
@@ -424,7 +464,7 @@ impl DaemonClient {
         body: &impl Serialize,
     ) -> Result<T, Problem> {
         let body = serde_json::to_vec(body).unwrap_or_default();
-        let answer = send(&self.socket, method, path, body).await?;
+        let answer = self.ask(method, path, body).await?;
         // It answered that it was done: only its answer could not be parsed.
         let read = self.read(&answer.whole().await?);
         read.map_err(|problem| problem.perhaps_acted(true))
@@ -448,6 +488,18 @@ fn read<T: DeserializeOwned>(socket: &Path, body: &[u8]) -> Result<T, Problem> {
             .with("socket", socket.display().to_string())
             .with("reason", error.to_string())
     })
+}
+
+/// A point as it is after its answer was on the way for this long.
+fn aged(point: &mut PointInfo, transit_ms: u64) {
+    let age = point.age_ms.map(|age| age.saturating_add(transit_ms));
+    point.age_ms = age;
+    let is_old = age
+        .zip(point.max_age_ms)
+        .is_some_and(|(age, most)| age > most);
+    if is_old && point.quality == Quality::Good {
+        point.quality = Quality::Stale;
+    }
 }
 
 const fn fresh_as_query(fresh: bool) -> &'static str {
@@ -489,6 +541,40 @@ fn encoded(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// What was good at the site may be stale once it is here.
+    #[test]
+    fn what_was_on_its_way_is_older() {
+        let point = |age_ms: Option<u64>, max_age_ms: Option<u64>| PointInfo {
+            path: "pump.do0".to_owned(),
+            age_ms,
+            max_age_ms,
+            ..serde_json::from_value(json!({
+                "path": "", "module": "pump", "label": "do0", "kind": "output", "index": 0,
+                "quality": "good", "value": true,
+            }))
+            .unwrap()
+        };
+        let after = |mut point: PointInfo, transit_ms| {
+            aged(&mut point, transit_ms);
+            (point.age_ms, point.quality)
+        };
+        let (good, stale) = (Quality::Good, Quality::Stale);
+        assert_eq!(after(point(Some(200), Some(3_000)), 0), (Some(200), good));
+        assert_eq!(
+            after(point(Some(200), Some(3_000)), 2_800),
+            (Some(3_000), good)
+        );
+        assert_eq!(
+            after(point(Some(200), Some(3_000)), 2_801),
+            (Some(3_001), stale)
+        );
+        assert_eq!(after(point(Some(200), None), 9_000), (Some(9_200), good));
+        assert_eq!(after(point(None, Some(3_000)), 9_000), (None, good));
+        let mut bad = point(Some(9_000), Some(3_000));
+        bad.quality = Quality::Bad;
+        assert_eq!(after(bad, 1).1, Quality::Bad);
+    }
 
     #[test]
     fn names_can_not_leave_their_place() {

@@ -15,6 +15,7 @@ use railbus_api::types::{
 };
 use railbus_app::api::{convert, failures};
 use railbus_app::config_file::{self, ConfigOrigin};
+use railbus_client::HubClient;
 pub(crate) use railbus_client::{Borrowed, DaemonClient, Frames, Resolution};
 use railbus_device::{Family, Layout};
 use railbus_host::Tap;
@@ -30,6 +31,8 @@ pub(crate) struct Options {
     pub(crate) config: Option<PathBuf>,
     /// The daemon's socket, if a flag names one.
     pub(crate) socket: Option<PathBuf>,
+    /// A site of a fleet, asked through its centre.
+    pub(crate) far: Option<FarSite>,
     /// Do not use a daemon.
     pub(crate) direct: bool,
     /// No configuration: this port, and this module on it.
@@ -38,6 +41,15 @@ pub(crate) struct Options {
     pub(crate) lang: Lang,
     /// Poll all modules, as `watch` needs; otherwise only what is asked for is read.
     pub(crate) polls: bool,
+}
+
+/// A site of a fleet.
+#[derive(Clone, Debug)]
+pub(crate) struct FarSite {
+    /// Its name.
+    pub(crate) name: String,
+    /// The socket of the centre, if a flag names one.
+    pub(crate) hub: Option<PathBuf>,
 }
 
 impl Options {
@@ -189,6 +201,10 @@ impl Backend {
     /// working directory says which site is meant, a daemon that serves another site is refused, so
     /// that the wrong relay can't be switched (docs/decisions/0025).
     pub(crate) async fn daemon(options: &Options) -> Result<Option<DaemonClient>, Problem> {
+        if let Some(far) = &options.far {
+            let hub = HubClient::find(far.hub.as_deref()).await?;
+            return Ok(Some(DaemonClient::far(&hub, &far.name)));
+        }
         if options.goes_direct() {
             return Ok(None);
         }

@@ -50,6 +50,10 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
     }
     DirectFlag { en: "Open the line directly, not through the daemon", zh: "直接打开总线，不经守护进程" }
     ThroughDaemon { en: "through the daemon of {site}", zh: "经由守护进程，配置：{site}" }
+    FarFlag {
+        en: "Ask this site of a fleet, through the centre on this machine",
+        zh: "经本机的站群中心，查询该站点",
+    }
     SocketFlag { en: "The daemon's socket", zh: "守护进程的套接字" }
     TimeoutFlag {
         en: "How long raw and scan wait for a reply: 60ms, 1.5s",
@@ -130,15 +134,21 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
         en: "  railbus ls                 the modules and their states
   railbus ls points pump     the points of a module
   railbus ls points -o json  every point with its value
-  railbus ls ports           the serial ports of this machine",
+  railbus ls ports           the serial ports of this machine
+  railbus ls -s plant7       the modules of a site of a fleet",
         zh: "  railbus ls                 模块及其状态
   railbus ls points pump     某个模块的点位
   railbus ls points -o json  所有点位及其值
-  railbus ls ports           本机串口",
+  railbus ls ports           本机串口
+  railbus ls -s plant7       站群中某站点的模块",
     }
     LsWhat {
         en: "modules (default), points, lines, groups, models or ports",
         zh: "modules（默认）、points、lines、groups、models 或 ports",
+    }
+    NotFar {
+        en: "{what} are those of this machine, whatever the site",
+        zh: "{what} 为本机内容，与站点无关",
     }
     LsModule { en: "Only the points of these modules", zh: "只列出这些模块的点位" }
     LsModulesHead {
@@ -162,10 +172,12 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
     GetExamples {
         en: "  railbus get pump                   all points of a module
   railbus get tank.ai1 -o value      the bare value
-  railbus get '*.di*' -o csv         all inputs",
+  railbus get '*.di*' -o csv         all inputs
+  railbus get -s plant7 pump         the same at a site of a fleet",
         zh: "  railbus get pump                   一个模块的所有点位
   railbus get tank.ai1 -o value      只输出值
-  railbus get '*.di*' -o csv         所有输入",
+  railbus get '*.di*' -o csv         所有输入
+  railbus get -s plant7 pump         站群中某站点的点位",
     }
     GetFresh { en: "Read from the module now, not from the daemon's cache", zh: "重新读取总线，不用守护进程的缓存" }
     LastKnown {

@@ -2,9 +2,10 @@
 
 use super::trace::{TraceText, Tracers};
 use crate::args::{LAST, flag};
-use crate::backend::{AdHoc, AdHocModule, Backend, DaemonClient, Options};
+use crate::backend::{AdHoc, AdHocModule, Backend, DaemonClient, FarSite, Options};
 use crate::texts::Text;
 use clap::builder::FalseyValueParser;
+use clap::parser::ValueSource;
 use clap::{Arg, ArgAction, ArgMatches, value_parser};
 use railbus_api::problem::Problem;
 use railbus_app::address;
@@ -39,6 +40,9 @@ const ENVIRONMENT: [(&str, &str); 13] = [
     ("format", "RAILBUS_FORMAT"),
     ("checksummed", "RAILBUS_ASCII_CHECKSUM"),
 ];
+
+/// The flag of [`far_flag`]. Other commands have a `--site` of another meaning.
+const FAR: &str = "far-site";
 
 /// What the flags say.
 #[derive(Debug)]
@@ -126,6 +130,22 @@ pub(crate) fn global_flags(lang: Lang) -> Vec<Arg> {
     flags.into_iter().map(global).collect()
 }
 
+/// The flag that means a site of a fleet, of commands that can ask one.
+pub(crate) fn far_flag(lang: Lang) -> Arg {
+    flag(lang, FAR, Text::FarFlag)
+        .long("site")
+        .short('s')
+        .value_name("SITE")
+        .conflicts_with_all(["direct", "config", "model", "address"])
+}
+
+/// The socket of the centre of a fleet, if one is named. The variable that names a socket means that
+/// of a site's daemon.
+pub(crate) fn hub_socket(matches: &ArgMatches) -> Option<PathBuf> {
+    let is_named = matches.value_source("socket") == Some(ValueSource::CommandLine);
+    matches.get_one("socket").filter(|_| is_named).cloned()
+}
+
 /// A duration with its unit.
 pub(crate) fn duration(text: &str) -> Result<Micros, String> {
     Micros::parse(text).ok_or_else(String::new)
@@ -153,6 +173,12 @@ impl Context {
         let format = text("output").and_then(|name| Format::from_name(&name));
         let line = text("line");
         let ad_hoc = ad_hoc(lang, matches, line.as_deref(), module)?;
+        // Most commands do not have this flag.
+        let far = matches.try_get_one::<String>(FAR).ok().flatten();
+        let far = far.map(|name| FarSite {
+            name: name.clone(),
+            hub: hub_socket(matches),
+        });
         Ok(Context {
             lang,
             format: format.unwrap_or_default(),
@@ -169,6 +195,7 @@ impl Context {
             options: Options {
                 config: matches.get_one("config").cloned(),
                 socket: matches.get_one("socket").cloned(),
+                far,
                 direct: matches.get_flag("direct"),
                 ad_hoc,
                 lang,
@@ -184,6 +211,7 @@ impl Context {
         let daemon = daemon.map_err(|problem| self.failure(&problem))?;
         if let Some(daemon) = &daemon
             && self.options.socket.is_none()
+            && !daemon.is_far()
             && self.format == Format::Table
             && std::io::stderr().is_terminal()
             && config_file::chosen(self.options.config.as_deref()).is_err()

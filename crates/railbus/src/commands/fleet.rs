@@ -9,9 +9,9 @@ mod serve;
 mod texts;
 
 use super::Context;
+use super::context::hub_socket;
 use crate::args;
 use crate::texts::Text;
-use clap::parser::ValueSource;
 use clap::{Arg, ArgMatches, Command};
 use jiff::Timestamp;
 use railbus_api::problem::Problem;
@@ -73,20 +73,13 @@ fn path(matches: &ArgMatches, name: &str) -> PathBuf {
     text(matches, name).into()
 }
 
-/// The socket of the centre, if one is named. The variable that names a socket means that of a
-/// site's daemon.
-fn socket(matches: &ArgMatches) -> Option<PathBuf> {
-    let is_named = matches.value_source("socket") == Some(ValueSource::CommandLine);
-    matches.get_one("socket").filter(|_| is_named).cloned()
-}
-
 /// Asks the centre.
 fn ask<T>(
     context: &Context,
     matches: &ArgMatches,
     question: impl AsyncFnOnce(&HubClient) -> Result<T, Problem>,
 ) -> Result<T, Failure> {
-    let named = socket(matches);
+    let named = hub_socket(matches);
     context.block(async {
         let answer = async { question(&HubClient::find(named.as_deref()).await?).await };
         answer.await.map_err(|problem| context.failure(&problem))

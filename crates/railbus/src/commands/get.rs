@@ -1,5 +1,6 @@
 //! `railbus get`: the values of points.
 
+use super::context::far_flag;
 use super::{Context, stop};
 use crate::args;
 use crate::texts::Text;
@@ -32,6 +33,7 @@ pub(crate) fn define(lang: Lang) -> Command {
         .arg(args::flag(lang, "fresh", Text::GetFresh).action(ArgAction::SetTrue))
         .arg(args::flag(lang, "raw", Text::GetRaw).action(ArgAction::SetTrue))
         .arg(args::flag(lang, "last-known", Text::LastKnown).action(ArgAction::SetTrue))
+        .arg(far_flag(lang))
 }
 
 /// Modules, points and patterns.

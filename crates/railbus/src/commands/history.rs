@@ -3,6 +3,7 @@
 mod texts;
 
 use super::Context;
+use super::context::far_flag;
 use crate::args;
 use crate::backend::{DaemonClient, Resolution};
 use clap::{Arg, ArgMatches, Command, value_parser};
@@ -69,6 +70,7 @@ pub(crate) fn define(lang: Lang) -> Command {
                 .value_name("N")
                 .value_parser(value_parser!(u16).range(1..=LINES_MAX)),
         )
+        .arg(far_flag(lang))
 }
 
 /// A moment as the user gives it.

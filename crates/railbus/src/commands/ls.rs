@@ -4,6 +4,7 @@ mod groups;
 mod models;
 mod ports;
 
+use super::context::far_flag;
 use super::{Context, stop};
 use crate::args;
 use crate::backend::Backend;
@@ -44,6 +45,7 @@ pub(crate) fn define(lang: Lang) -> Command {
                 .help(lang.get(Text::LsModule))
                 .num_args(0..),
         )
+        .arg(far_flag(lang))
 }
 
 /// Prints the list.
@@ -59,6 +61,11 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     if let (Some(name), false) = (of.first(), what == Some("points")) {
         let message = lang.fill(Text::NoSuchArgument, &[("name", name)]);
         return Err(Failure::new(Code::Usage, message).with_try("railbus ls points MODULE"));
+    }
+    // These are of this program, and of this machine.
+    if let (Some(what @ ("models" | "ports")), Some(_)) = (what, &context.options.far) {
+        let message = lang.fill(Text::NotFar, &[("what", &what)]);
+        return Err(Failure::new(Code::Usage, message).with_try(format!("railbus ls {what}")));
     }
     let records = match what {
         Some("models") => models::records(lang),

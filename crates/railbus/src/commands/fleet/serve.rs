@@ -1,6 +1,7 @@
 //! `railbus fleet serve`: runs the centre.
 
 use super::FleetText;
+use crate::commands::context::hub_socket;
 use clap::{ArgMatches, Command};
 use railbus_app::failure::Failure;
 use railbus_gateway::hub::{self, HubOptions};
@@ -22,7 +23,7 @@ pub(super) fn define(lang: Lang) -> Command {
 pub(super) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let options = HubOptions {
         folder: super::path(matches, "DIR"),
-        socket: super::socket(matches),
+        socket: hub_socket(matches),
     };
     hub::run(lang, &options)
 }
