@@ -76,15 +76,26 @@ class Hub:
         self.process = None
         return code
 
-    def get(self, path):
-        """What it says there: status and content."""
+    def ask(self, path, method="GET", **headers):
+        """What it says there: status, headers and text."""
         connection = SocketConnection(self.socket)
         try:
-            connection.request("GET", path)
+            body = None if method == "GET" else '{"value": true}'
+            connection.request(method, path, body, headers)
             answer = connection.getresponse()
-            return answer.status, json.loads(answer.read())
+            return answer.status, answer.headers, answer.read().decode()
         finally:
             connection.close()
+
+    def get(self, path):
+        """What it says there: status and content."""
+        status, _, text = self.ask(path)
+        return status, json.loads(text)
+
+    def code(self, path, method="GET"):
+        """Status and code of the problem that it says there."""
+        status, _, text = self.ask(path, method)
+        return status, json.loads(text)["code"]
 
     def sites(self):
         """All sites, and the connection."""
@@ -105,8 +116,12 @@ class Hub:
                           said["site"]["current"])
 
     def run(self, *words):
-        """A command that asks it: exit code and what it prints."""
-        ran = subprocess.run([PROGRAM, "fleet", *words, "--socket", self.socket],
+        """A command of `railbus fleet` that asks it: exit code and what it prints."""
+        return self.run_any("fleet", *words)
+
+    def run_any(self, *words):
+        """Any command that asks it."""
+        ran = subprocess.run([PROGRAM, *words, "--socket", self.socket],
                              capture_output=True, text=True, check=False)
         return ran.returncode, ran.stdout, ran.stderr
 
@@ -126,6 +141,8 @@ class Site:
         self.client = None
         # What it is asked: the last two words of the subjects.
         self.asked = []
+        # What its API answers, and after how many seconds.
+        self.api, self.late = None, 0.0
         self.began = time.monotonic()
         self.key_ends = int(time.time()) + KEY_ENDS
         self.run(self._start())
@@ -139,7 +156,10 @@ class Site:
 
         async def note(message):
             self.asked.append(tuple(message.subject.split(".")[3:]))
-            if message.reply:
+            if message.subject.endswith(".api") and self.api:
+                await asyncio.sleep(self.late)
+                await message.respond(self.api.SerializeToString())
+            elif message.reply:
                 await message.respond(b"")
 
         await self.client.subscribe(f"rb.down.{self.name}.*.*", cb=note)
@@ -234,6 +254,100 @@ def knows(s, hub):
     s.check(entry, hub.get("/fleet/v1/none")[0], 404, "no such page")
     mode = os.stat(hub.socket).st_mode & 0o777
     s.check(entry, mode, 0o600, "only its owner may open the socket")
+
+
+def asked_through(s, hub):
+    """The API of a site by railbus, through the centre: what is read, and nothing else."""
+    entry = "a site asked through the centre"
+    far, own = f"/s/{SITE}/api/v1", lambda path: s.ask("GET", path)
+    plain = lambda points: [(each["path"], each.get("value"), each["quality"]) for each in points]
+    status, headers, text = hub.ask(far + "/points?select=oven,hall")
+    want = plain(own("/points?select=oven,hall")["points"])
+    s.check(entry, (status, plain(json.loads(text)["points"])), (200, want), "points")
+    s.check(entry, int(headers["railbus-transit-ms"]) < 1000 * PATIENCE, True, "on its way")
+    s.check(entry, hub.get(far + "/modules")[1]["modules"][0].keys(),
+            own("/modules")["modules"][0].keys(), "modules")
+    for words, want in ((("get", "-s", SITE, "oven.k1", "-o", "value"), "on\n"),
+                        (("get", "-s", SITE, "oven.k1", "--fresh", "-o", "value"), "on\n"),
+                        (("ls", "-s", SITE), "oven"),
+                        (("ls", "points", "oven", "-s", SITE), "oven.k1"),
+                        (("history", "oven.k1", "-s", SITE, "--limit", "1", "-o", "csv"), ",on,")):
+        code, said, error = hub.run_any(*words)
+        s.check(entry, (code, want in said), (0, True), f"{words}: {said}{error}")
+    code, _, error = hub.run_any("get", "-s", "nowhere", "oven.k1")
+    s.check(entry, (code, "E0836" in error), (8, True), "no such site")
+    code, _, error = hub.run_any("ls", "ports", "-s", SITE)
+    s.check(entry, code, 2, f"what is of this machine: {error}")
+    code, _, error = hub.run_any("get", "-s", SITE, "oven.k9")
+    s.check(entry, (code, "E0802" in error), (8, True), "no such point")
+    zh = hub.ask(far + "/points/oven/k9", **{"accept-language": "zh"})[2]
+    s.check(entry, any("\u4e00" <= letter <= "\u9fff" for letter in zh), True, zh)
+    for path, method, want in (
+            ("/points/oven/k2", "PUT", (403, "E0937")), ("/ops", "POST", (403, "E0937")),
+            ("/watch", "GET", (403, "E0937")), ("/events/stream", "GET", (403, "E0937")),
+            ("/ws", "GET", (403, "E0937")), ("/users", "GET", (403, "E0905")),
+            ("/config", "GET", (403, "E0905")), ("/site", "GET", (404, "E0110")),
+            ("/../../metrics", "GET", (404, "E0110")), ("/nothing", "GET", (404, "E0110"))):
+        s.check(entry, hub.code(far + path, method), want, f"{method} {path}")
+    for path in (f"/s/{SITE}/metrics", f"/s/{SITE}/x", f"/s/{SITE}", "/s/"):
+        s.check(entry, hub.code(path), (404, "E0110"), path)
+    s.check(entry, hub.code("/s/nowhere/api/v1/points"), (404, "E0836"), "no such site")
+
+
+def asks_itself(s, hub):
+    """A site lets nobody switch anything over its API, whatever a centre wants."""
+    entry = "a site asked through the centre"
+    form = messages()
+
+    async def asks(method, path):
+        centre = await s.fleet.connect(s.fleet.hub("hub.creds"), "_INBOX.hub")
+        leases = centre.jetstream(timeout=PATIENCE)
+        lease = await leases.get_last_msg("FLEET", f"rb.fleet.lease.{SITE}")
+        session = form.Lease.FromString(lease.data).session
+        request = form.ApiRequest(method=method, path=path, user="mallory")
+        answer = await asked(centre, f"rb.down.{SITE}.{session}.api", request.SerializeToString())
+        await centre.close()
+        return form.ApiAnswer.FromString(answer.data)
+
+    before = s.ask("GET", "/points/oven/k2")["value"]
+    for method in ("PUT", "POST", "DELETE", "PATCH", "put", ""):
+        answer = asyncio.run(asks(method, "/api/v1/points/oven/k2"))
+        s.check(entry, (answer.status, json.loads(answer.body)["code"]), (403, "E0937"), method)
+    s.check(entry, s.ask("GET", "/points/oven/k2")["value"], before, "it has not moved")
+    answer = asyncio.run(asks("GET", "/api/v1/points/oven/k2"))
+    s.check(entry, (answer.status, json.loads(answer.body)["value"]), (200, before), "it is read")
+
+
+def answers_badly(s, hub, site, session):
+    """What a site by others answers is taken for no more than it is."""
+    entry = "a site asked through the centre"
+    path = f"/s/{site.name}/api/v1/points"
+    site.beat(session, boot=2)
+    away = lambda what: s.check(entry, hub.code(path), (503, "E0168"), what)
+    away("an empty answer")
+    site.api = site.form.ApiAnswer(refusal={"code": "E0110", "reason": "x"}, status=200)
+    away("a refusal, as of an older version")
+    page = {"status": 200, "content_type": "text/html", "body": b"<script>alert(1)</script>"}
+    site.api = site.form.ApiAnswer(**page)
+    status, headers, _ = hub.ask(path)
+    s.check(entry, (status, headers["content-type"]), (200, "application/octet-stream"), "a page")
+    point = {"path": "m.k1", "module": "m", "label": "k1", "kind": "output", "index": 0,
+             "quality": "good", "value": True, "age_ms": 200, "max_age_ms": 1000}
+    body = json.dumps({"schema": 1, "points": [point]}).encode()
+    site.api = site.form.ApiAnswer(status=200, content_type="application/json", body=body)
+    code, said, _ = hub.run_any("get", "-s", site.name, "m.k1", "-o", "json")
+    told = json.loads(said)["points"][0]
+    s.check(entry, (code, told["quality"], told["age_ms"] >= 200), (0, "good", True), "in time")
+    # The site says nothing of the time that the answer is on its way.
+    site.late = 1.0
+    code, said, _ = hub.run_any("get", "-s", site.name, "m.k1", "-o", "json")
+    told = json.loads(said)["points"][0]
+    s.check(entry, (code, told["quality"], told["age_ms"] >= 1200), (3, "stale", True), "late")
+    site.api.took_ms = 60_000
+    code, said, _ = hub.run_any("get", "-s", site.name, "m.k1", "-o", "json")
+    told = json.loads(said)["points"][0]
+    s.check(entry, (code, told["age_ms"]), (0, 200), "as long as it took itself it is not older")
+    site.late, site.api = 0.0, None
 
 
 def dies(s, hub):
@@ -361,6 +475,9 @@ def silent(s, hub, site):
     s.check(entry, hub.point(site.name, "m.k1"), old, "what was so")
     s.check(entry, hub.site(site.name)["known_ms"] > 1000 * (ONLINE - 1), True, "how long ago")
     s.check(entry, hub.site(SITE)["current"], True, "the other site")
+    site.run(site.client.close())
+    path = f"/s/{site.name}/api/v1/points"
+    s.check("a site asked through the centre", hub.code(path), (503, "E0168"), "it is away")
 
 
 def two(s, hub, other):
@@ -417,11 +534,14 @@ def suite():
             hub.start()
             with Plant(fleet, None, tally) as s:
                 knows(s, hub)
+                asked_through(s, hub)
+                asks_itself(s, hub)
                 dies(s, hub)
                 suspended(s, hub)
                 site = Site(fleet, "plant8")
                 session = copied(s, hub, site)
                 incomplete(s, hub, site, session)
+                answers_badly(s, hub, site, session)
                 silent(s, hub, site)
                 two(s, hub, other)
                 servers_away(s, hub)

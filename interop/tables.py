@@ -708,6 +708,7 @@ credentials that are replaced
 
 FLEET_HUB = """
 a site and the centre
+a site asked through the centre
 a centre that dies
 a centre that is suspended
 machines with one key
