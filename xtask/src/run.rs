@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, ExitStatus, Output, Stdio};
 use std::sync::mpsc;
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Why a command failed.
 #[derive(Debug)]
@@ -87,11 +87,17 @@ pub(crate) fn run(command: &mut Command) -> Result<()> {
     command.stdout(Stdio::null()).stderr(Stdio::null());
     let mut child = started.map_err(not_started)?;
     let (found, failures) = mpsc::channel();
-    thread::spawn(move || found.send(print_and_find(BufReader::new(output))));
+    // The sender is dropped at the end of the output.
+    thread::spawn(move || print_and_find(BufReader::new(output), |failure| found.send(failure)));
     let status = child.wait().map_err(not_started)?;
+    let mut told = Vec::new();
+    let drained = Instant::now() + DRAINED_WITHIN;
     // A process that it left behind keeps the pipe open, and has nothing to say any more.
-    let failures = failures.recv_timeout(DRAINED_WITHIN).unwrap_or_default();
-    end(&line, status, &failures)
+    while let Ok(failure) = failures.recv_timeout(drained.saturating_duration_since(Instant::now()))
+    {
+        told.push(failure);
+    }
+    end(&line, status, &told)
 }
 
 /// Like [`run`], for an interactive program, whose output goes where ours goes.
@@ -123,11 +129,13 @@ const DRAINED_WITHIN: Duration = Duration::from_secs(10);
 const REPEATED_MAX: usize = 12;
 const REPEATED_CHARACTERS: usize = 300;
 
-/// Prints all lines and returns those that tell of a failure: of a suite, a browser's test, a test,
-/// a compiler.
-fn print_and_find(mut output: impl BufRead) -> Vec<String> {
-    let mut failures = Vec::new();
-    let mut bytes = Vec::new();
+/// Prints all lines, and hands over those that tell of a failure: of a suite, a browser's test, a
+/// test, a compiler.
+fn print_and_find<E>(
+    mut output: impl BufRead,
+    mut found: impl FnMut(String) -> std::result::Result<(), E>,
+) {
+    let (mut count, mut bytes) = (0, Vec::new());
     while output
         .read_until(b'\n', &mut bytes)
         .is_ok_and(|read| read > 0)
@@ -136,12 +144,13 @@ fn print_and_find(mut output: impl BufRead) -> Vec<String> {
         print!("{line}");
         let line = line.trim();
         let tells = ["FAILED ", "not ok ", "FAIL [", "error: ", "error["];
-        if failures.len() < REPEATED_MAX && tells.iter().any(|word| line.starts_with(word)) {
-            failures.push(line.chars().take(REPEATED_CHARACTERS).collect());
+        if count < REPEATED_MAX && tells.iter().any(|word| line.starts_with(word)) {
+            count += 1;
+            // Fails once nobody waits for the rest.
+            let _ = found(line.chars().take(REPEATED_CHARACTERS).collect());
         }
         bytes.clear();
     }
-    failures
 }
 
 /// Returns what a program prints on standard output; it must succeed.
@@ -216,6 +225,15 @@ mod tests {
             "    FAIL [ 1 s] a::b — its own output above says why",
         ];
         assert_eq!(lines, wanted, "{error}");
+    }
+
+    #[test]
+    fn what_is_left_behind_hides_no_failure_and_holds_nothing_up() {
+        let said = "echo FAILED early; sleep 60 & exit 1";
+        let begun = Instant::now();
+        let error = run(program(Path::new("."), "sh").args(["-c", said])).unwrap_err();
+        assert!(error.to_string().contains("FAILED early"), "{error}");
+        assert!(begun.elapsed() < Duration::from_secs(50));
     }
 
     #[test]
