@@ -454,6 +454,7 @@ def s6(case):
 
 
 def _asked(case):
+    """Both are read and one is written, however they do."""
     yield case.get(1)
     yield case.get(2)
     yield case.put(1)
@@ -674,6 +675,8 @@ NO_ADDRESS = "the reply to a write names no address"
 
 ROWS = {
     "S0": Row(s0, "clean", ALL, RIGHT, RIGHT, RIGHT, warm=True),
+    "S0 cold": Row(_asked, "the same, of units that nothing is known of", ALL,
+                   EITHER, EITHER, EITHER),
     "S1": Row(s1, "the replies come after the timeout, while the line is idle", READS,
               EITHER, RIGHT, warm=True),
     "S2": Row(s2, "the late reply lands in the next request of the same unit and shape",
