@@ -317,8 +317,9 @@ class Centre:
 async def flushed(client):
     """The server has taken all that this client said. The client's own `flush` does not wait for
     what is still to be written: its PING overtakes that."""
-    while client.is_connected and client.pending_data_size:
-        await asyncio.sleep(0)
+    async with asyncio.timeout(PATIENCE):
+        while client.is_connected and client.pending_data_size:
+            await asyncio.sleep(0)
     await client.flush(timeout=PATIENCE)
 
 
