@@ -49,7 +49,7 @@ for (const look of LOOKS) {
       // Watched for from before, and in the page: a good end is shown for a few seconds only.
       const ended = page.waitForFunction(() => document.querySelector(".outcome > span")?.textContent);
       await relay.click();
-      assert.match(await (await ended).jsonValue(), new RegExp(t("confirmed_readback")));
+      assert.match(await (await ended).jsonValue(), new RegExp(`^\\s*${t("confirmed_readback")}`));
       assert.equal(await relay.getAttribute("aria-checked"), "true");
       assert.match(await relay.innerText(), new RegExp(t("on")));
       await sound("overview");
