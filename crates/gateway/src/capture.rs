@@ -29,6 +29,7 @@ use tokio::time::{Instant, sleep_until};
 
 /// The routes of this file.
 pub(super) const ROUTES: &[Route] = &[Route::new("GET", "/frames", Need::VIEWER, || get(download))
+    .stream()
     .doc(
         Doc::new("What passes on a line for some seconds, as a file")
             .query(&[

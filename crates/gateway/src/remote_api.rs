@@ -1,5 +1,5 @@
-//! The API for those who ask from elsewhere over an outlet, such as the centre of a fleet. They read
-//! what a viewer may read; nothing can be switched, changed or followed that way.
+//! The API for those who ask from elsewhere over an outlet. They read what a viewer may read;
+//! nothing can be switched, changed or followed that way.
 //!
 //! Outlets run on threads of their own and reach nothing of the daemon. They hand requests over to
 //! it, which answers them with the same handlers as everybody's.
@@ -42,7 +42,7 @@ pub(crate) struct RemoteRequest {
 }
 
 /// The response to it.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub(crate) struct RemoteAnswer {
     /// The status of HTTP.
     pub(crate) status: u16,
@@ -51,6 +51,8 @@ pub(crate) struct RemoteAnswer {
     pub(crate) body: Bytes,
     /// How long it took from when it was asked.
     pub(crate) took: Duration,
+    /// One of those that may be under way, until it is sent.
+    pub(crate) permit: OwnedSemaphorePermit,
 }
 
 /// A request on its way to the handlers.
@@ -60,8 +62,7 @@ struct RemoteCall {
     through: String,
     asked: Instant,
     to: oneshot::Sender<RemoteAnswer>,
-    /// One of those that may be under way.
-    _permit: OwnedSemaphorePermit,
+    permit: OwnedSemaphorePermit,
 }
 
 /// The end of an outlet.
@@ -97,14 +98,16 @@ impl RemoteApi {
         request: RemoteRequest,
     ) -> Result<RemoteAnswer, Problem> {
         let permit = Arc::clone(&self.permits).try_acquire_owned();
-        let permit = permit.map_err(|_| Problem::new(codes::OVERLOADED))?;
+        let permit = permit.map_err(|_| {
+            Problem::new(codes::OVERLOADED).with("reason", "too many requests at a time")
+        })?;
         let (to, answered) = oneshot::channel();
         let call = RemoteCall {
             request,
             through: outlet.to_owned(),
             asked: Instant::now(),
             to,
-            _permit: permit,
+            permit,
         };
         let stopping = || Problem::new(codes::DAEMON).with("reason", "stopping");
         // There is room for as many as may be under way.
@@ -131,10 +134,11 @@ impl RemoteCalls {
 }
 
 async fn answered(handlers: Router, call: RemoteCall) {
-    let user: String = call.request.user.chars().take(USER_MAX).collect();
+    let user = call.request.user.chars().filter(|c| !c.is_control());
+    let user: String = user.take(USER_MAX).collect();
     let caller = Caller {
-        // Not to be taken for one of the daemon's own users, whose names have no colon.
-        name: format!("{}:{user}", call.through),
+        // Not to be taken for one of the daemon's own users and tokens.
+        name: format!("outlet:{}:{user}", call.through),
         id: format!("outlet:{}", call.through),
         role: Some(Role::Viewer),
         via: format!("outlet:{}", call.through),
@@ -142,13 +146,14 @@ async fn answered(handlers: Router, call: RemoteCall) {
         known: Known::Outlet,
     };
     let late = || {
-        let reason = format!("no end within {} s", ANSWER_MAX.as_secs());
-        Problem::new(codes::OVERLOADED).with("reason", reason)
+        none(format!(
+            "it had no answer within {} s",
+            ANSWER_MAX.as_secs()
+        ))
     };
     let asked = whole(handlers, caller, &call.request);
     let answer = match tokio::time::timeout(ANSWER_MAX, asked).await {
-        Ok(Ok(answer)) => Ok(answer),
-        Ok(Err(problem)) => Err(problem),
+        Ok(end) => end,
         Err(_) => Err(late()),
     };
     let (status, content_type, body) = match answer {
@@ -164,6 +169,7 @@ async fn answered(handlers: Router, call: RemoteCall) {
         content_type,
         body,
         took: call.asked.elapsed(),
+        permit: call.permit,
     });
 }
 
@@ -198,8 +204,14 @@ async fn collected(response: Response<Body>) -> Result<Whole, Problem> {
     let content_type = content_type.and_then(|value| value.to_str().ok());
     let content_type = content_type.unwrap_or_default().to_owned();
     let body = to_bytes(body, BODY_MAX).await;
-    let body = body.map_err(|_| not_remote(&format!("more than {} KiB", BODY_MAX >> 10)))?;
+    let body =
+        body.map_err(|_| none(format!("its answer is longer than {} KiB", BODY_MAX >> 10)))?;
     Ok((head.status.as_u16(), content_type, body))
+}
+
+/// There is no answer.
+fn none(reason: String) -> Problem {
+    Problem::new(codes::SITE_AWAY).with("reason", reason)
 }
 
 /// Not for those who ask from elsewhere.
@@ -242,12 +254,12 @@ mod tests {
         let who = get(async |Extension(caller): Extension<Caller>| format!("{caller:?}"));
         let (api, _stop) = serving(Router::new().route("/api/v1/who", who));
         let long = RemoteRequest {
-            user: "x".repeat(1_000),
+            user: "x\u{1b}".repeat(1_000),
             ..request("/api/v1/who?x=y")
         };
         let answer = api.ask("hq", long).await.unwrap();
         let caller = Caller {
-            name: format!("hq:{}", "x".repeat(USER_MAX)),
+            name: format!("outlet:hq:{}", "x".repeat(USER_MAX)),
             id: "outlet:hq".to_owned(),
             role: Some(Role::Viewer),
             via: "outlet:hq".to_owned(),
@@ -299,7 +311,7 @@ mod tests {
         let fits = api.ask("hq", request("/api/v1/fits")).await.unwrap();
         assert_eq!((fits.status, fits.body.len()), (200, BODY_MAX));
         let long = api.ask("hq", request("/api/v1/not")).await.unwrap();
-        assert_eq!(code(&long), "E0937");
+        assert_eq!(code(&long), "E0168");
     }
 
     /// The time runs by itself where all wait.
@@ -314,9 +326,15 @@ mod tests {
         let under_way: Vec<_> = (0..REQUESTS_MAX).map(|_| ask()).collect();
         tokio::time::sleep(ANSWER_MAX / 2).await;
         assert_eq!(ask().await.unwrap().unwrap_err().code, "E0105");
+        let mut sent = Vec::new();
         for asked in under_way {
-            assert_eq!(code(&asked.await.unwrap().unwrap()), "E0105");
+            let answer = asked.await.unwrap().unwrap();
+            assert_eq!(code(&answer), "E0168");
+            sent.push(answer);
         }
+        // Until they are sent.
+        assert_eq!(ask().await.unwrap().unwrap_err().code, "E0105");
+        drop(sent);
         // Whose caller is gone is under way all the same.
         let left = ask();
         tokio::time::sleep(ANSWER_MAX / 2).await;
@@ -325,7 +343,7 @@ mod tests {
         tokio::time::sleep(Duration::from_secs(1)).await;
         assert_eq!(ask().await.unwrap().unwrap_err().code, "E0105");
         for asked in others {
-            assert_eq!(code(&asked.await.unwrap().unwrap()), "E0105");
+            assert_eq!(code(&asked.await.unwrap().unwrap()), "E0168");
         }
     }
 

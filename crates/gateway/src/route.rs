@@ -28,7 +28,7 @@ pub(super) struct Route {
     /// Its answer contains a secret, and so is not compressed: the compressed size would reveal
     /// something of it.
     pub(super) is_secret: bool,
-    /// Its answer does not end by itself.
+    /// Its answer goes on until the client leaves, or for minutes.
     pub(super) is_stream: bool,
     /// Its documentation in the OpenAPI document.
     pub(super) doc: Option<Doc>,
@@ -63,7 +63,7 @@ impl Route {
         }
     }
 
-    /// Its answer goes on until the client leaves.
+    /// Its answer goes on until the client leaves, or for minutes.
     pub(super) const fn stream(self) -> Route {
         Route {
             is_stream: true,

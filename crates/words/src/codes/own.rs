@@ -156,9 +156,9 @@ codes! {
         next: ["see the servers' logs: it is tried again", "查看服务器日志：系统会重试"],
     }
     SiteAway = "E0168" {
-        title: ["the site does not answer the centre", "站点未应答中心"],
-        likely: ["it is offline · the network is slow · its railbus is of an older version",
-            "站点离线 · 网络缓慢 · 站点的 railbus 版本较旧"],
+        title: ["no answer from the site", "未得到站点的应答"],
+        likely: ["it is offline or busy · the network is slow · its railbus is of an older version",
+            "站点离线或繁忙 · 网络缓慢 · 站点的 railbus 版本较旧"],
         next: ["see what was known of it last: railbus fleet get SITE",
             "查看其最后已知的值：railbus fleet get 站点"],
     }

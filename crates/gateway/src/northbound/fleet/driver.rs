@@ -21,8 +21,10 @@ use railbus_store::history::millis;
 use std::io::ErrorKind;
 use std::path::Path;
 use std::pin::{Pin, pin};
+use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::{Duration, SystemTime};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio::time::Instant;
 
 /// How long the last messages may take, once it is to stop.
@@ -31,6 +33,12 @@ const LINGER: Duration = Duration::from_secs(1);
 const CLOSE_MAX: Duration = Duration::from_secs(2);
 /// How often it is looked whether a disk still hangs.
 const LOOK: Duration = Duration::from_secs(1);
+/// How many answers of the API are under way, with refusals; and from which length on, in bytes,
+/// only one of them is sent at a time.
+const ANSWERS_MAX: usize = 16;
+const LONG: usize = 32 << 10;
+/// So long the centre waits for an answer.
+const ANSWERED_WITHIN: Duration = Duration::from_secs(25);
 /// Every installation has its own number.
 const INSTALLATION_LEN: usize = 16;
 
@@ -56,6 +64,9 @@ struct Driver {
     /// What is known of the connection.
     link: LinkState,
     began: Instant,
+    /// Answers of the API that may be under way, and the long one of them.
+    answers: Arc<Semaphore>,
+    long_answers: Arc<Semaphore>,
     outlet: Outlet,
 }
 
@@ -99,6 +110,8 @@ pub(super) async fn run(outlet: Outlet) -> Result<(), Problem> {
         failures: 0,
         link: LinkState::default(),
         began: Instant::now(),
+        answers: Arc::new(Semaphore::new(ANSWERS_MAX)),
+        long_answers: Arc::new(Semaphore::new(1)),
         outlet,
     };
     let end = driver.work().await;
@@ -311,12 +324,31 @@ impl Driver {
         let Some(reply) = asked.reply else {
             return;
         };
+        // Who gets no answer asks again.
+        let Ok(place) = Arc::clone(&self.answers).try_acquire_owned() else {
+            return;
+        };
         let (api, client) = (self.outlet.api.clone(), connection.client.clone());
-        let name = self.outlet.name.clone();
+        let (name, long) = (self.outlet.name.clone(), Arc::clone(&self.long_answers));
         tokio::spawn(async move {
+            let begun = Instant::now();
             let answer = api_answer(&api, &name, &asked.payload).await;
-            // Fails where the connection has ended.
-            let _ = client.publish(reply, answer.encode_to_vec().into()).await;
+            let payload = answer.wire.encode_to_vec();
+            // One long answer at a time: heartbeats wait for what is being sent.
+            let turn = match payload.len() > LONG {
+                true => long.acquire_owned().await.ok(),
+                false => None,
+            };
+            // Nobody waits for it any longer.
+            if begun.elapsed() < ANSWERED_WITHIN {
+                // All of it fails where the connection has ended.
+                let sent = async {
+                    let _ = client.publish(reply, payload.into()).await;
+                    let _ = client.flush().await;
+                };
+                let _ = tokio::time::timeout(ANSWERED_WITHIN, sent).await;
+            }
+            drop((turn, answer, place));
         });
     }
 
@@ -455,11 +487,20 @@ fn refusal(problem: &Problem) -> FleetRefusal {
     }
 }
 
+/// An answer of the API, which is under way until this is dropped.
+struct AnswerUnderWay {
+    wire: ApiAnswer,
+    _permit: Option<OwnedSemaphorePermit>,
+}
+
 /// What the API of this site answers.
-async fn api_answer(api: &RemoteApi, outlet: &str, asked: &[u8]) -> ApiAnswer {
-    let refused = |problem: &Problem| ApiAnswer {
-        refusal: Some(refusal(problem)),
-        ..ApiAnswer::default()
+async fn api_answer(api: &RemoteApi, outlet: &str, asked: &[u8]) -> AnswerUnderWay {
+    let refused = |problem: &Problem| AnswerUnderWay {
+        wire: ApiAnswer {
+            refusal: Some(refusal(problem)),
+            ..ApiAnswer::default()
+        },
+        _permit: None,
     };
     let asked = match ApiRequest::decode(asked) {
         Ok(asked) => asked,
@@ -474,12 +515,15 @@ async fn api_answer(api: &RemoteApi, outlet: &str, asked: &[u8]) -> ApiAnswer {
         language: asked.language,
     };
     match api.ask(outlet, request).await {
-        Ok(answer) => ApiAnswer {
-            refusal: None,
-            status: answer.status.into(),
-            content_type: answer.content_type,
-            body: answer.body.into(),
-            took_ms: u64::try_from(answer.took.as_millis()).unwrap_or(u64::MAX),
+        Ok(answer) => AnswerUnderWay {
+            wire: ApiAnswer {
+                refusal: None,
+                status: answer.status.into(),
+                content_type: answer.content_type,
+                body: answer.body.into(),
+                took_ms: u64::try_from(answer.took.as_millis()).unwrap_or(u64::MAX),
+            },
+            _permit: Some(answer.permit),
         },
         Err(problem) => refused(&problem),
     }

@@ -34,6 +34,10 @@ const WORDS: (Pair, Pair) = (
 
 const NOTES: &[Pair] = &[
     [
+        "The centre can read what a viewer of this site can, and switch or change nothing.",
+        "中心可以读取本站查看者能看到的内容，不能操作或修改。",
+    ],
+    [
         "The name of the site is in its credentials, and the servers let it say nothing for \
          another site. It connects to them; nothing connects to this machine.",
         "站点名称写在凭据中，服务器不允许它以其他站点的名义发送任何内容。连接由本机发起，无需开放端口。",
