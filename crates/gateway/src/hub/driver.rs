@@ -441,7 +441,7 @@ async fn last_lease(streams: &Context, site: &str) -> Option<LastLease> {
 }
 
 /// The time since this machine was booted, including suspensions.
-fn since_boot() -> Duration {
+pub(super) fn since_boot() -> Duration {
     let time = clock_gettime(ClockId::Boottime);
     let seconds = u64::try_from(time.tv_sec).unwrap_or_default();
     Duration::new(seconds, u32::try_from(time.tv_nsec).unwrap_or_default())

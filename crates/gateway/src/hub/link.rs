@@ -208,6 +208,11 @@ impl Opened {
 
 impl Link {
     /// The server that it is connected to.
+    pub(super) fn server(&self) -> String {
+        let info = self.client.server_info();
+        format!("{} {}", info.server_name, info.version)
+    }
+
     /// How a site is asked in this session.
     pub(super) fn way(&self, site: &str, session: &str) -> SiteWay {
         SiteWay {
@@ -215,11 +220,6 @@ impl Link {
             subject: format!("rb.down.{site}.{session}.api"),
             is_up: self.is_up.clone(),
         }
-    }
-
-    pub(super) fn server(&self) -> String {
-        let info = self.client.server_info();
-        format!("{} {}", info.server_name, info.version)
     }
 }
 

@@ -13,7 +13,7 @@ use axum::routing::{any, get};
 use railbus_api::problem::{Problem, codes};
 use tokio::sync::{mpsc, oneshot};
 
-type Calls = mpsc::Sender<HubCall>;
+pub(super) type Calls = mpsc::Sender<HubCall>;
 
 /// All routes, for its owner.
 pub(super) fn router(calls: Calls) -> Router {
@@ -27,11 +27,11 @@ pub(super) fn router(calls: Calls) -> Router {
 }
 
 async fn sites(State(calls): State<Calls>) -> Response<Body> {
-    answer::json(ask(&calls, HubCall::Sites).await)
+    answer::json(call(&calls, HubCall::Sites).await)
 }
 
 async fn site(State(calls): State<Calls>, Path(name): Path<String>) -> Response<Body> {
-    let found = ask(&calls, |to| HubCall::Site(name, to)).await;
+    let found = call(&calls, |to| HubCall::Site(name, to)).await;
     answer::json(found.and_then(|found| found))
 }
 
@@ -48,23 +48,20 @@ async fn site_api(
     let language = headers.get(ACCEPT_LANGUAGE);
     let language = language.and_then(|value| value.to_str().ok());
     let request = site_api::request(&method, &format!("/{path}"), language.unwrap_or_default());
-    let asked = async {
-        let request = request?;
-        let way = ask(&calls, |to| HubCall::Way(name.clone(), to)).await??;
-        Ok(site_api::ask(way, &name, request).await)
-    };
+    let asked = async { site_api::ask(&calls, &name, request?).await };
     asked
         .await
-        .unwrap_or_else(|problem: Problem| answer::problem(&problem))
+        .unwrap_or_else(|problem| answer::problem(&problem))
 }
 
-async fn ask<T>(
+/// Asks the driver.
+pub(super) async fn call<T>(
     calls: &Calls,
-    call: impl FnOnce(oneshot::Sender<T>) -> HubCall,
+    what: impl FnOnce(oneshot::Sender<T>) -> HubCall,
 ) -> Result<T, Problem> {
     let (to, told) = oneshot::channel();
     // Fails once the centre is stopping.
-    let _ = calls.send(call(to)).await;
+    let _ = calls.send(what(to)).await;
     told.await
         .map_err(|_| Problem::new(codes::DAEMON).with("reason", "stopping"))
 }

@@ -1,7 +1,9 @@
 //! The API of a site, asked through the centre: `/s/plant7/api/v1/points` is `/api/v1/points` of
 //! plant7.
 
-use crate::{answer, remote_api};
+use super::driver::{HubCall, since_boot};
+use super::routes::{Calls, call};
+use crate::remote_api;
 use async_nats::client::RequestErrorKind;
 use async_nats::{Client, Request};
 use axum::body::Body;
@@ -13,7 +15,6 @@ use railbus_api::problem::{Problem, codes};
 use railbus_fleet::message::{ApiAnswer, ApiRequest};
 use std::time::Duration;
 use tokio::sync::watch;
-use tokio::time::Instant;
 
 /// How long a site may take: its own limit, and the way.
 const ANSWER_MAX: Duration = Duration::from_secs(25);
@@ -21,6 +22,11 @@ const ANSWER_MAX: Duration = Duration::from_secs(25);
 const INTEREST: Duration = Duration::from_secs(1);
 /// How long to wait before asking again meanwhile.
 const INTEREST_STEP: Duration = Duration::from_millis(100);
+/// How long an answer may be on its way that tells how something is now. What it tells of states
+/// has no age, and people look at it as at what is so.
+const TRANSIT_MAX: Duration = Duration::from_secs(2);
+/// What tells of the past, and may take its time.
+const PAST: [&str; 2] = ["/api/v1/history", "/api/v1/events"];
 /// What a site may send. Anything else could be a page with scripts for a browser.
 const MEDIA: [&str; 5] = [
     "application/json",
@@ -40,12 +46,70 @@ pub(super) struct SiteWay {
     pub(super) is_up: watch::Receiver<bool>,
 }
 
-/// What a site answers.
-pub(super) async fn ask(way: SiteWay, site: &str, request: ApiRequest) -> Response<Body> {
-    asked(way, request).await.unwrap_or_else(|reason| {
+/// What a site answers; or why there is no answer.
+///
+/// # Errors
+/// There is no such site, it is not connected or does not answer in time, or the centre has lost
+/// its own connection.
+pub(super) async fn ask(
+    calls: &Calls,
+    site: &str,
+    request: ApiRequest,
+) -> Result<Response<Body>, Problem> {
+    let none = |reason: String| {
         let problem = Problem::new(codes::SITE_AWAY).with("name", site);
-        answer::problem(&problem.with("reason", reason))
-    })
+        problem.with("reason", reason)
+    };
+    let payload = request.encode_to_vec();
+    let begun = since_boot();
+    let (message, passed) = loop {
+        // Each time anew: it may have got another session.
+        let mut way = call(calls, |to| HubCall::Way(site.to_owned(), to)).await??;
+        // What was suspended on the way is older, too.
+        let sent = since_boot();
+        let asked = Request::new()
+            .payload(payload.clone().into())
+            .timeout(Some(ANSWER_MAX));
+        let answer = tokio::select! {
+            answer = way.client.send_request(way.subject, asked) => answer,
+            _ = way.is_up.wait_for(|is_up| !is_up) => {
+                return Err(Problem::new(codes::FLEET_ENDED).with("reason", "disconnected"));
+            }
+        };
+        match answer {
+            Ok(message) => break (message, since_boot().saturating_sub(sent)),
+            Err(error) if error.kind() == RequestErrorKind::NoResponders => {
+                if since_boot().saturating_sub(begun) > INTEREST {
+                    return Err(none("it is not connected".to_owned()));
+                }
+                tokio::time::sleep(INTEREST_STEP).await;
+            }
+            Err(error) if error.kind() == RequestErrorKind::TimedOut => {
+                return Err(none(format!("nothing within {} s", ANSWER_MAX.as_secs())));
+            }
+            Err(error) => return Err(none(error.to_string())),
+        }
+    };
+    let answer = ApiAnswer::decode(message.payload).map_err(|error| none(error.to_string()))?;
+    if let Some(refusal) = answer.refusal {
+        return Err(none(match refusal.reason.is_empty() {
+            true => refusal.code,
+            false => refusal.reason,
+        }));
+    }
+    let transit = transit(passed, Duration::from_millis(answer.took_ms));
+    let is_of_now = !PAST.iter().any(|path| request.path.starts_with(path));
+    if is_of_now && transit > TRANSIT_MAX {
+        let way = transit.as_secs_f64();
+        return Err(none(format!("its answer was {way:.1} s on the way")));
+    }
+    response(answer, transit).map_err(none)
+}
+
+/// How long an answer was on the way, there and back.
+fn transit(passed: Duration, took: Duration) -> Duration {
+    // It can't have taken longer than it was waited for.
+    passed.checked_sub(took).unwrap_or(passed)
 }
 
 /// The request that may be passed on to a site; the problem if it may not.
@@ -60,44 +124,6 @@ pub(super) fn request(method: &Method, path: &str, language: &str) -> Result<Api
         user: "owner".to_owned(),
         language: language.to_owned(),
     })
-}
-
-/// The answer; or why there is none.
-async fn asked(mut way: SiteWay, request: ApiRequest) -> Result<Response<Body>, String> {
-    let payload = request.encode_to_vec();
-    let begun = Instant::now();
-    let (message, passed) = loop {
-        let sent = Instant::now();
-        let request = Request::new()
-            .payload(payload.clone().into())
-            .timeout(Some(ANSWER_MAX));
-        let answer = tokio::select! {
-            answer = way.client.send_request(way.subject.clone(), request) => answer,
-            _ = way.is_up.wait_for(|is_up| !is_up) => {
-                return Err("the connection to the servers was lost".to_owned());
-            }
-        };
-        match answer {
-            Ok(message) => break (message, sent.elapsed()),
-            Err(error) if error.kind() == RequestErrorKind::NoResponders => {
-                if begun.elapsed() > INTEREST {
-                    return Err("it is not connected".to_owned());
-                }
-                tokio::time::sleep(INTEREST_STEP).await;
-            }
-            Err(error) if error.kind() == RequestErrorKind::TimedOut => {
-                return Err(format!("no answer within {} s", ANSWER_MAX.as_secs()));
-            }
-            Err(error) => return Err(error.to_string()),
-        }
-    };
-    let answer = ApiAnswer::decode(message.payload).map_err(|error| error.to_string())?;
-    if let Some(refusal) = answer.refusal {
-        let reason = format!("{} {}", refusal.code, refusal.reason);
-        return Err(reason.trim().to_owned());
-    }
-    let transit = passed.saturating_sub(Duration::from_millis(answer.took_ms));
-    response(answer, transit)
 }
 
 /// What it answers, as HTTP; or what it lacks.
@@ -159,6 +185,15 @@ mod tests {
             let told = told.map(|told| u32::from(told.status().as_u16()));
             assert_eq!(told, is_one.then_some(status));
         }
+    }
+
+    #[test]
+    fn no_site_makes_its_answers_fresher() {
+        let ms = Duration::from_millis;
+        assert_eq!(transit(ms(900), ms(600)), ms(300));
+        assert_eq!(transit(ms(900), ms(900)), ms(0));
+        assert_eq!(transit(ms(900), ms(901)), ms(900));
+        assert_eq!(transit(ms(900), Duration::MAX), ms(900));
     }
 
     #[test]
