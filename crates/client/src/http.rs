@@ -94,12 +94,9 @@ pub(super) async fn send_asked(socket: &Path, asked: Asked<'_>) -> Result<Answer
 
 impl Answer {
     /// How long it was on its way from a site to the centre of its fleet, in milliseconds.
-    pub(super) fn transit_ms(&self) -> u64 {
-        let header = self.response.headers().get(TRANSIT_HEADER);
-        let header = header.and_then(|value| value.to_str().ok());
-        header
-            .and_then(|text| text.parse().ok())
-            .unwrap_or_default()
+    pub(super) fn transit_ms(&self) -> Option<u64> {
+        let header = self.response.headers().get(TRANSIT_HEADER)?;
+        header.to_str().ok()?.parse().ok()
     }
 
     /// The whole body; an error if the daemon reports a problem.

@@ -1,12 +1,13 @@
 //! A client of the centre of a fleet, over its socket.
 
 use super::http::send;
-use super::read;
+use super::{plain, read};
 use hyper::Method;
 use railbus_api::fleet::{FleetSitePoints, FleetSites};
 use railbus_api::problem::{Problem, codes};
 use railbus_app::socket;
 use serde::de::DeserializeOwned;
+use serde_json::Value;
 use std::path::{Path, PathBuf};
 use tokio::net::UnixStream;
 
@@ -58,6 +59,9 @@ impl HubClient {
 
     async fn get<T: DeserializeOwned>(&self, path: &str) -> Result<T, Problem> {
         let answer = send(&self.socket, Method::GET, path, Vec::new()).await?;
-        read(&self.socket, &answer.whole().await?)
+        let said: Value = read(&self.socket, &answer.whole().await?)?;
+        // Sites said what it tells.
+        let said = serde_json::to_vec(&plain(said)).unwrap_or_default();
+        read(&self.socket, &said)
     }
 }

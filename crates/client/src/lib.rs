@@ -292,9 +292,13 @@ impl DaemonClient {
         );
         let answer = self.ask(Method::GET, &path, Vec::new()).await?;
         let transit_ms = answer.transit_ms();
-        let points: Points = self.read(&answer.whole().await?)?;
+        let points: Points = self.read(&self.whole(answer).await?)?;
         let mut points = points.points;
-        points.iter_mut().for_each(|point| aged(point, transit_ms));
+        if self.is_far() {
+            let untimed = || self.untimed();
+            let transit_ms = transit_ms.ok_or_else(untimed)?;
+            points.iter_mut().for_each(|point| aged(point, transit_ms));
+        }
         Ok(points)
     }
 
@@ -454,7 +458,41 @@ impl DaemonClient {
 
     async fn get<T: DeserializeOwned>(&self, path: &str) -> Result<T, Problem> {
         let answer = self.ask(Method::GET, path, Vec::new()).await?;
-        self.read(&answer.whole().await?)
+        self.read(&self.whole(answer).await?)
+    }
+
+    /// The body of an answer. What a site of a fleet says comes from another machine: no text of it
+    /// controls a terminal, and none is taken for a command that helps here.
+    async fn whole(&self, answer: Answer) -> Result<Vec<u8>, Problem> {
+        let body = answer.whole().await;
+        if !self.is_far() {
+            return body.map(Into::into);
+        }
+        let cleaned = |body: &[u8]| {
+            let value = serde_json::from_slice(body).map(plain).ok();
+            value.and_then(|value| serde_json::to_vec(&value).ok())
+        };
+        match body {
+            Ok(body) => Ok(cleaned(&body).unwrap_or_else(|| body.into())),
+            Err(problem) => {
+                let body = serde_json::to_vec(&problem).unwrap_or_default();
+                let problem = cleaned(&body).and_then(|body| serde_json::from_slice(&body).ok());
+                let problem = problem.unwrap_or_else(|| Problem::new(codes::DAEMON));
+                Err(Problem {
+                    hint: Vec::new(),
+                    ..problem
+                })
+            }
+        }
+    }
+
+    /// The centre does not say how old an answer is.
+    fn untimed(&self) -> Problem {
+        said_of(
+            &self.socket,
+            codes::DAEMON,
+            "an answer without its time on the way",
+        )
     }
 
     async fn send<T: DeserializeOwned>(
@@ -466,7 +504,7 @@ impl DaemonClient {
         let body = serde_json::to_vec(body).unwrap_or_default();
         let answer = self.ask(method, path, body).await?;
         // It answered that it was done: only its answer could not be parsed.
-        let read = self.read(&answer.whole().await?);
+        let read = self.read(&self.whole(answer).await?);
         read.map_err(|problem| problem.perhaps_acted(true))
     }
 
@@ -490,15 +528,33 @@ fn read<T: DeserializeOwned>(socket: &Path, body: &[u8]) -> Result<T, Problem> {
     })
 }
 
-/// A point as it is after its answer was on the way for this long.
+/// A point as it is after its answer was on the way for this long. One that the site calls good
+/// although it is older than it may be was read for this answer, with others that took long.
 fn aged(point: &mut PointInfo, transit_ms: u64) {
-    let age = point.age_ms.map(|age| age.saturating_add(transit_ms));
-    point.age_ms = age;
-    let is_old = age
-        .zip(point.max_age_ms)
-        .is_some_and(|(age, most)| age > most);
-    if is_old && point.quality == Quality::Good {
+    let Some(age) = point.age_ms else {
+        return;
+    };
+    let now = age.saturating_add(transit_ms);
+    point.age_ms = Some(now);
+    let has_aged = point
+        .max_age_ms
+        .is_some_and(|most| age <= most && now > most);
+    if has_aged && point.quality == Quality::Good {
         point.quality = Quality::Stale;
+    }
+}
+
+/// Without characters that control a terminal.
+pub(crate) fn plain(value: Value) -> Value {
+    let text = |text: String| text.chars().filter(|c| !c.is_control()).collect();
+    match value {
+        Value::String(said) => Value::String(text(said)),
+        Value::Array(all) => all.into_iter().map(plain).collect(),
+        Value::Object(all) => {
+            let each = |(key, value): (String, Value)| (text(key), plain(value));
+            Value::Object(all.into_iter().map(each).collect())
+        }
+        other => other,
     }
 }
 
@@ -571,9 +627,23 @@ mod tests {
         );
         assert_eq!(after(point(Some(200), None), 9_000), (Some(9_200), good));
         assert_eq!(after(point(None, Some(3_000)), 9_000), (None, good));
+        // Read for this answer, before others that took long.
+        assert_eq!(
+            after(point(Some(4_000), Some(3_000)), 900),
+            (Some(4_900), good)
+        );
         let mut bad = point(Some(9_000), Some(3_000));
         bad.quality = Quality::Bad;
         assert_eq!(after(bad, 1).1, Quality::Bad);
+    }
+
+    #[test]
+    fn no_text_controls_a_terminal() {
+        let said = json!({ "a\u{7}": ["\u{1b}[31mred\n", 1, null, { "b": "好\u{9b}x" }] });
+        assert_eq!(
+            plain(said),
+            json!({ "a": ["[31mred", 1, null, { "b": "好x" }] })
+        );
     }
 
     #[test]

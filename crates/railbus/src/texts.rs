@@ -147,8 +147,8 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
         zh: "modules（默认）、points、lines、groups、models 或 ports",
     }
     NotFar {
-        en: "{what} are those of this machine, whatever the site",
-        zh: "{what} 为本机内容，与站点无关",
+        en: "{what} do not depend on the site: leave out -s",
+        zh: "{what} 与站点无关，请去掉 -s",
     }
     LsModule { en: "Only the points of these modules", zh: "只列出这些模块的点位" }
     LsModulesHead {

@@ -136,11 +136,10 @@ pub(crate) fn far_flag(lang: Lang) -> Arg {
         .long("site")
         .short('s')
         .value_name("SITE")
-        .conflicts_with_all(["direct", "config", "model", "address"])
 }
 
-/// The socket of the centre of a fleet, if one is named. The variable that names a socket means that
-/// of a site's daemon.
+/// The socket of the centre of a fleet, if one is named. The variable that names a socket means
+/// that of a site's daemon.
 pub(crate) fn hub_socket(matches: &ArgMatches) -> Option<PathBuf> {
     let is_named = matches.value_source("socket") == Some(ValueSource::CommandLine);
     matches.get_one("socket").filter(|_| is_named).cloned()
@@ -179,6 +178,15 @@ impl Context {
             name: name.clone(),
             hub: hub_socket(matches),
         });
+        // Other flags that say which site is meant. One of them would be ignored.
+        let is_here = matches.get_flag("direct")
+            || matches.contains_id("config")
+            || ad_hoc.is_some()
+            || matches.get_count("verbose") > 0;
+        if far.is_some() && is_here {
+            let message = lang.fill(Text::Conflict, &[("name", &"--site")]);
+            return Err(Failure::new(Code::Usage, message));
+        }
         Ok(Context {
             lang,
             format: format.unwrap_or_default(),

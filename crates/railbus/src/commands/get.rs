@@ -168,7 +168,12 @@ fn verdict(
     let of_modules = |text: Text, modules: &[&str]| {
         let names = modules.join(" ");
         let message = lang.fill(text, &[("modules", &names)]);
-        let failure = Failure::new(Code::NoReply, message).diagnosed();
+        let failure = Failure::new(Code::NoReply, message);
+        // What usually helps is done at the line, and that is elsewhere.
+        let failure = match &context.options.far {
+            None => failure.diagnosed(),
+            Some(far) => failure.with_try(format!("railbus ls -s {}", far.name)),
+        };
         failure.with_fact("modules", modules.to_vec())
     };
     let silent = (!silent.is_empty()).then(|| of_modules(Text::SilentModules, &silent));
