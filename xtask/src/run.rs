@@ -73,6 +73,11 @@ pub(crate) fn cargo(root: &Path, args: &[&str]) -> Command {
 /// can wait for an answer on a machine without a keyboard. A failure repeats the lines that tell of
 /// it: the output of a whole run is longer than what is kept of it in some places.
 pub(crate) fn run(command: &mut Command) -> Result<()> {
+    run_drained(command, DRAINED_WITHIN)
+}
+
+/// The same; what it said last may take so long to come through the pipe once it has ended.
+fn run_drained(command: &mut Command, within: Duration) -> Result<()> {
     let line = spell(command);
     println!("$ {line}");
     let not_started = |error: std::io::Error| cannot_start(&line, &error);
@@ -91,7 +96,7 @@ pub(crate) fn run(command: &mut Command) -> Result<()> {
     thread::spawn(move || print_and_find(BufReader::new(output), |failure| found.send(failure)));
     let status = child.wait().map_err(not_started)?;
     let mut told = Vec::new();
-    let drained = Instant::now() + DRAINED_WITHIN;
+    let drained = Instant::now() + within;
     // A process that it left behind keeps the pipe open, and has nothing to say any more.
     while let Ok(failure) = failures.recv_timeout(drained.saturating_duration_since(Instant::now()))
     {
@@ -231,8 +236,16 @@ mod tests {
     fn what_is_left_behind_hides_no_failure_and_holds_nothing_up() {
         let said = "echo FAILED early; sleep 60 & exit 1";
         let begun = Instant::now();
-        let error = run(program(Path::new("."), "sh").args(["-c", said])).unwrap_err();
-        assert!(error.to_string().contains("FAILED early"), "{error}");
+        let drained = Duration::from_millis(300);
+        let command = &mut program(Path::new("."), "sh");
+        let error = run_drained(command.args(["-c", said]), drained).unwrap_err();
+        // The first line has the command.
+        let error = error.to_string();
+        let repeated: Vec<&str> = error.lines().skip(1).collect();
+        assert_eq!(
+            repeated,
+            ["    FAILED early — its own output above says why"]
+        );
         assert!(begun.elapsed() < Duration::from_secs(50));
     }
 
