@@ -9,6 +9,10 @@ use serde_json::Value;
 /// its way, in milliseconds. Ages in the answer are older by so much.
 pub const TRANSIT_HEADER: &str = "railbus-transit-ms";
 
+/// The fact of a problem that is one of a site of a fleet, by its name: what usually helps there
+/// does not help here.
+pub const AT_SITE: &str = "at_site";
+
 /// `GET /fleet/v1/sites`: all sites that ever reported.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FleetSites {

@@ -16,6 +16,7 @@ use hyper::Method;
 use railbus_api::control::{
     BatchAnswer, GroupInfo, GroupRequest, Groups, SceneInfo, SceneRequest, Scenes,
 };
+use railbus_api::fleet::AT_SITE;
 use railbus_api::outlets::{OutletInfo, OutletList, OutletMap};
 use railbus_api::past::{HistoryInfo, VerifiedInfo};
 use railbus_api::problem::{Problem, ProblemType, codes};
@@ -30,6 +31,7 @@ use railbus_app::socket;
 use railbus_app::texts::AppText;
 use railbus_site::config::keeper::etag;
 use railbus_words::Lang;
+use railbus_words::width::is_shown;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
@@ -462,27 +464,39 @@ impl DaemonClient {
     }
 
     /// The body of an answer. What a site of a fleet says comes from another machine: no text of it
-    /// controls a terminal, and none is taken for a command that helps here.
+    /// controls a terminal, and neither its advice nor ours for such problems is for this machine.
     async fn whole(&self, answer: Answer) -> Result<Vec<u8>, Problem> {
+        let is_of_site = answer.transit_ms().is_some();
         let body = answer.whole().await;
-        if !self.is_far() {
+        if !(self.is_far() && is_of_site) {
             return body.map(Into::into);
         }
-        let cleaned = |body: &[u8]| {
-            let value = serde_json::from_slice(body).map(plain).ok();
-            value.and_then(|value| serde_json::to_vec(&value).ok())
-        };
         match body {
-            Ok(body) => Ok(cleaned(&body).unwrap_or_else(|| body.into())),
-            Err(problem) => {
-                let body = serde_json::to_vec(&problem).unwrap_or_default();
-                let problem = cleaned(&body).and_then(|body| serde_json::from_slice(&body).ok());
-                let problem = problem.unwrap_or_else(|| Problem::new(codes::DAEMON));
-                Err(Problem {
-                    hint: Vec::new(),
-                    ..problem
-                })
+            // What can't be read whole is not read in part.
+            Ok(body) => {
+                let said: Value = self.read(&body)?;
+                Ok(serde_json::to_vec(&plain(said)).unwrap_or_default())
             }
+            Err(problem) => {
+                let said = serde_json::to_value(&problem)
+                    .map(plain)
+                    .unwrap_or_default();
+                let problem = serde_json::from_value(said);
+                let problem = problem.unwrap_or_else(|_| Problem::new(codes::DAEMON));
+                Err(self.of_its_site(problem))
+            }
+        }
+    }
+
+    /// A problem of what this daemon serves: of a site of a fleet, it is one of another machine.
+    pub fn of_its_site(&self, problem: Problem) -> Problem {
+        match &self.far {
+            None => problem,
+            Some(site) => Problem {
+                hint: Vec::new(),
+                ..problem
+            }
+            .with(AT_SITE, site.as_str()),
         }
     }
 
@@ -544,9 +558,9 @@ fn aged(point: &mut PointInfo, transit_ms: u64) {
     }
 }
 
-/// Without characters that control a terminal.
+/// Without characters that control a terminal or turn the direction of text.
 pub(crate) fn plain(value: Value) -> Value {
-    let text = |text: String| text.chars().filter(|c| !c.is_control()).collect();
+    let text = |text: String| text.chars().filter(|letter| is_shown(*letter)).collect();
     match value {
         Value::String(said) => Value::String(text(said)),
         Value::Array(all) => all.into_iter().map(plain).collect(),
@@ -639,7 +653,7 @@ mod tests {
 
     #[test]
     fn no_text_controls_a_terminal() {
-        let said = json!({ "a\u{7}": ["\u{1b}[31mred\n", 1, null, { "b": "好\u{9b}x" }] });
+        let said = json!({ "a\u{7}": ["\u{1b}[31mred\n", 1, null, { "b": "好\u{9b}x\u{202e}" }] });
         assert_eq!(
             plain(said),
             json!({ "a": ["[31mred", 1, null, { "b": "好x" }] })

@@ -272,17 +272,17 @@ impl Backend {
     }
 
     /// The lines whose port is not open, and why.
-    pub(crate) async fn lines_down(&self) -> Vec<(LineInfo, Problem)> {
-        let lines = self.lines().await.unwrap_or_default().into_iter();
+    pub(crate) async fn lines_down(&self) -> Result<Vec<(LineInfo, Problem)>, Problem> {
+        let lines = self.lines().await?.into_iter();
         let down = lines.filter(|line| matches!(line.state, PortState::Absent | PortState::Busy));
-        down.map(|line| {
+        let down = down.map(|line| {
             let why = match self {
                 Backend::Local(local) => local.line_closed(&line.line),
-                Backend::Daemon(_) => failures::line_down(&line),
+                Backend::Daemon(remote) => remote.of_its_site(failures::line_down(&line)),
             };
             (line, why)
-        })
-        .collect()
+        });
+        Ok(down.collect())
     }
 
     /// All modules. A site opened here reads each of them first.

@@ -143,6 +143,16 @@ fn quoted(last: char, rest: &str) -> Option<usize> {
     Some(opening.len_utf8() + length + closing.len_utf8())
 }
 
+/// Whether a letter of a text that came from elsewhere may be shown: it controls no terminal, and
+/// does not turn the direction of others, which could change what is read.
+pub fn is_shown(letter: char) -> bool {
+    let turns = matches!(
+        letter,
+        '\u{200E}'..='\u{200F}' | '\u{202A}'..='\u{202E}' | '\u{2066}'..='\u{2069}'
+    );
+    !letter.is_control() && !turns
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

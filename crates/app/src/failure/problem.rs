@@ -3,6 +3,7 @@
 use super::{Code, Failure};
 use crate::render::wire_words;
 use crate::texts::AppText;
+use railbus_api::fleet::AT_SITE;
 use railbus_api::problem::Problem;
 use railbus_device::Family;
 use railbus_site::config::resembles;
@@ -15,7 +16,11 @@ impl Failure {
     /// The failure for a problem.
     pub fn of_problem(lang: Lang, problem: &Problem) -> Failure {
         let code = code_of(problem);
-        let mut failure = Failure::new(code, message(lang, code, problem)).diagnosed();
+        let mut failure = Failure::new(code, message(lang, code, problem));
+        // At a site of a fleet other things help than here.
+        if !problem.with.contains_key(AT_SITE) {
+            failure = failure.diagnosed();
+        }
         for why in reasons(lang, code, problem) {
             failure = failure.because(why);
         }

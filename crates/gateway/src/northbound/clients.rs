@@ -4,6 +4,7 @@ use super::network::Network;
 use super::outlet::Report;
 use super::supervisor::OutletCounts;
 use railbus_api::problem::{Problem, codes};
+use railbus_words::width::is_shown;
 use std::collections::BTreeMap;
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
@@ -155,14 +156,8 @@ pub(crate) async fn reached(
 
 /// What a client says of itself, as it may stand in a log.
 pub(crate) fn plain(text: &str) -> String {
-    let is_shown = |letter: &char| !letter.is_control() && !is_direction(*letter);
-    let shown = text.chars().filter(is_shown);
+    let shown = text.chars().filter(|letter| is_shown(*letter));
     shown.take(NAME_MAX).collect()
-}
-
-/// Whether a letter only says in which direction others are written, and could change what is read.
-const fn is_direction(letter: char) -> bool {
-    matches!(letter, '\u{200E}'..='\u{200F}' | '\u{202A}'..='\u{202E}' | '\u{2066}'..='\u{2069}')
 }
 
 #[cfg(test)]

@@ -178,13 +178,16 @@ impl Context {
             name: name.clone(),
             hub: hub_socket(matches),
         });
-        // Other flags that say which site is meant. One of them would be ignored.
-        let is_here = matches.get_flag("direct")
-            || matches.contains_id("config")
-            || ad_hoc.is_some()
-            || matches.get_count("verbose") > 0;
-        if far.is_some() && is_here {
-            let message = lang.fill(Text::Conflict, &[("name", &"--site")]);
+        // Flags that it would ignore: they say that another site is meant, or follow a line.
+        let in_the_way = [
+            ("--direct", matches.get_flag("direct")),
+            ("--config", matches.contains_id("config")),
+            ("--line", ad_hoc.is_some()),
+            ("-v", matches.get_count("verbose") > 0),
+        ];
+        let in_the_way = in_the_way.into_iter().find(|(_, is_there)| *is_there);
+        if let (Some(_), Some((name, _))) = (&far, in_the_way) {
+            let message = lang.fill(Text::Conflict, &[("name", &name)]);
             return Err(Failure::new(Code::Usage, message));
         }
         Ok(Context {

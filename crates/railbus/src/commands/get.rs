@@ -63,7 +63,8 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         }
         let down = match &points {
             Some(Ok(points)) if points.iter().any(|point| point.quality == Quality::Bad) => {
-                backend.lines_down().await
+                let down = backend.lines_down().await;
+                down.map_err(|problem| context.failure(&problem))?
             }
             _ => Vec::new(),
         };

@@ -208,8 +208,13 @@ async fn ask(
     };
     let history = daemon.history(path, options.span, options.detail()).await?;
     // A point that was removed from the configuration still has a history.
-    let points = daemon.points(&[path.to_owned()], false).await;
-    let point = points.ok().and_then(|points| points.into_iter().next());
+    let points = match daemon.points(&[path.to_owned()], false).await {
+        Ok(points) => points,
+        Err(problem) if problem.status == 404 => Vec::new(),
+        // Without it values would be shown as if they were of no kind.
+        Err(problem) => return Err(problem),
+    };
+    let point = points.into_iter().next();
     Ok((history, point))
 }
 

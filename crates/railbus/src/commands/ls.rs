@@ -86,7 +86,7 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
                 // opened.
                 let down = match backend.is_daemon() {
                     true => Vec::new(),
-                    false => backend.lines_down().await,
+                    false => backend.lines_down().await?,
                 };
                 Ok((all, down))
             })?;
