@@ -21,8 +21,9 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc, oneshot, watch};
 
 /// How many requests are under way at a time; others are refused.
 const REQUESTS_MAX: usize = 8;
-/// The longest body of an answer, in bytes: messages between sites and centre have 1 MiB at most.
-const BODY_MAX: usize = 900 << 10;
+/// The longest body of an answer, in bytes. What else a site has to say waits for it: over 100
+/// kbit/s 20 s, and after 30 s without a sign a connection is taken for dead.
+const BODY_MAX: usize = 256 << 10;
 /// How long an answer may take. A command lives 5 s, and so does a reading of a whole line.
 const ANSWER_MAX: Duration = Duration::from_secs(20);
 /// The longest name of who asks, in characters.

@@ -7,6 +7,7 @@ use crate::northbound::broker::session::Tries;
 use crate::northbound::outbox::{self, OutboxHandle, OutboxState, Reading, StateAt};
 use crate::northbound::outlet::Outlet;
 use crate::remote_api::{RemoteApi, RemoteRequest};
+use async_nats::connection::State;
 use async_nats::{HeaderMap, Message, StatusCode, Subscriber};
 use prost::Message as _;
 use railbus_api::problem::{Problem, codes};
@@ -339,14 +340,11 @@ impl Driver {
                 true => long.acquire_owned().await.ok(),
                 false => None,
             };
-            // Nobody waits for it any longer.
-            if begun.elapsed() < ANSWERED_WITHIN {
-                // All of it fails where the connection has ended.
-                let sent = async {
-                    let _ = client.publish(reply, payload.into()).await;
-                    let _ = client.flush().await;
-                };
-                let _ = tokio::time::timeout(ANSWERED_WITHIN, sent).await;
+            let is_awaited = begun.elapsed() < ANSWERED_WITHIN;
+            if is_awaited && client.connection_state() == State::Connected {
+                // Both fail where the connection has ended.
+                let _ = client.publish(reply, payload.into()).await;
+                let _ = client.flush().await;
             }
             drop((turn, answer, place));
         });
