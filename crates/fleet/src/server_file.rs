@@ -93,7 +93,7 @@ pub(crate) fn server_file(nodes: &[NodeAddress], own: usize, accounts: &Accounts
          tls {{ cert_file: \"server.pem\", key_file: \"server.key\" }}\n\n\
          operator: \"{}\"\n\
          system_account: \"{}\"\n\
-         resolver {{ type: full, dir: \"jwt\", allow_delete: false, interval: \"2m\" }}\n\
+         resolver {{ type: full, dir: \"jwt\", allow_delete: false, interval: \"10s\" }}\n\
          resolver_preload {{\n",
         accounts.operator,
         accounts.system,
