@@ -123,9 +123,10 @@ class Fleet:
         """The path of a file of the centre."""
         return str(self.folder / "hub" / name)
 
-    def creds(self, site):
-        """The path of a site's credentials, made the first time."""
-        path = self.folder / f"{site}.creds"
+    def creds(self, site, nth=""):
+        """The path of a site's credentials, made the first time; of another key, if one is
+        named."""
+        path = self.folder / f"{site}{nth}.creds"
         if not path.exists():
             code, said = railbus("fleet", "creds", str(self.folder), site, str(path))
             if code:
@@ -143,9 +144,9 @@ class Fleet:
         """Trusts the authority of the fleet, and no other."""
         return ssl.create_default_context(cafile=self.hub("ca.pem"))
 
-    async def connect(self, creds, inbox, **more):
-        """A client with these credentials, at the first server, so that all that is said comes in
-        one order."""
+    async def connect(self, creds, inbox, at=0, **more):
+        """A client with these credentials, all at the same server, so that all that is said comes
+        in one order."""
         said = []
 
         async def error(problem):
@@ -153,7 +154,7 @@ class Fleet:
 
         options = {"tls": self.tls(), "allow_reconnect": False, "connect_timeout": PATIENCE}
         client = await nats.connect(
-            f"tls://{HOST}:{self.ports[0]}", user_credentials=creds, error_cb=error,
+            f"tls://{HOST}:{self.ports[at]}", user_credentials=creds, error_cb=error,
             inbox_prefix=inbox.encode(), **{**options, **more})
         client.said = said
         return client

@@ -11,7 +11,7 @@ import nkeys
 from nats.js.errors import APIError
 
 from fleet import (
-    Fleet, asked, claims_of, flushed, forbidden, inside, signed, unsigned, write_creds)
+    Fleet, asked, claims_of, flushed, forbidden, inside, railbus, signed, unsigned, write_creds)
 from modbus_tcp import PATIENCE
 from rig import Tally
 
@@ -309,6 +309,65 @@ async def centre(s):
         s.check(entry, said, 1, subject)
 
 
+async def stolen(s):
+    """Keys that are revoked are let in no longer, and others go on."""
+    entry = "a revoked key is not accepted"
+    folder = str(s.fleet.folder)
+
+    async def gets_in(site, nth="", at=0):
+        try:
+            client = await s.fleet.connect(s.fleet.creds(site, nth), f"_INBOX.{site}", at,
+                                           max_reconnect_attempts=0)
+            await flushed(client)
+            await client.close()
+            return True
+        except (nats.errors.Error, OSError, asyncio.TimeoutError):
+            return False
+
+    async def becomes(what, want):
+        deadline = time.monotonic() + PATIENCE
+        while await what() != want:
+            if time.monotonic() > deadline:
+                return not want
+            await asyncio.sleep(0.1)
+        return want
+
+    async def revoke(site):
+        return await asyncio.to_thread(railbus, "fleet", "revoke", folder, site, "-o", "json")
+
+    async def is_connected():
+        return s.own.is_connected
+
+    code, said = await revoke(OWN)
+    done = json.loads(said.splitlines()[0])
+    s.check(entry, (code, len(done["keys"]), sorted(done["servers"])),
+            (0, 1, ["server1", "server2", "server3"]), f"railbus fleet revoke: {said}")
+    s.check(entry, await becomes(is_connected, False), False, "its connection ends")
+    for at in range(3):
+        s.check(entry, await gets_in(OWN, at=at), False, f"at server{at + 1}")
+    s.check(entry, await gets_in(OWN, "-again"), True, "another key of the same site")
+    s.check(entry, await s.said(b"4"), True, "the other site goes on")
+    seed = (s.fleet.folder / "offline/operator-signing.nk")
+    away = seed.rename(s.fleet.folder / "away.nk")
+    code, said = await revoke(OTHER)
+    s.check(entry, (code, "E0160" in said), (1, True), f"without the key of the operator: {said}")
+    s.check(entry, await gets_in(OTHER), True, "nothing is revoked")
+    away.rename(seed)
+    # One of the servers is away.
+    await asyncio.to_thread(s.fleet.kill, 2)
+    code, said = await revoke(OTHER)
+    s.check(entry, (code, "E1101" in said), (11, True), f"a server is away: {said}")
+    s.fleet.start(2)
+    # The others once more: they must not take from it what it had.
+    for at in (2, 0, 1, 2):
+        out = lambda at=at: gets_in(OTHER, at=at)
+        s.check(entry, await becomes(out, False), False, f"it hears of it: server{at + 1}")
+    s.check(entry, (await gets_in(OWN), await gets_in(OWN, "-again")), (False, True),
+            "what was revoked before")
+    code, said = await revoke("nowhere")
+    s.check(entry, (code, "E0836" in said), (8, True), f"a site without keys: {said}")
+
+
 def suite():
     """Everything, at three servers."""
     tally = Tally("fleet")
@@ -316,7 +375,8 @@ def suite():
     async def run(fleet):
         s = Plant(fleet, tally)
         await s.start()
-        for part in (own_ways, foreign_ways, answers_elsewhere, headers_do_nothing, keys, centre):
+        for part in (own_ways, foreign_ways, answers_elsewhere, headers_do_nothing, keys, centre,
+                     stolen):
             await part(s)
 
     with Fleet() as fleet:

@@ -692,6 +692,7 @@ a site hears nothing else
 an answer goes nowhere else
 headers reach nothing else
 only keys of the fleet are accepted
+a revoked key is not accepted
 what people did stays
 the system key does what it is for
 """

@@ -76,6 +76,8 @@ pub fn site_creds(
 pub struct SiteClaims {
     /// The name of the site.
     pub site: String,
+    /// Its public key.
+    pub key: String,
     /// Until when they are valid, in seconds since 1970; for ever if none.
     pub expires: Option<u64>,
 }
@@ -97,8 +99,10 @@ pub fn read_site_creds(text: &str) -> Result<SiteClaims, CredsError> {
     if !is_site_name(site) {
         return Err(CredsError::Claims);
     }
+    let key = claims.get("sub").and_then(Value::as_str);
     Ok(SiteClaims {
         site: site.to_owned(),
+        key: key.unwrap_or_default().to_owned(),
         expires: claims.get("exp").and_then(Value::as_u64),
     })
 }
@@ -129,6 +133,9 @@ mod tests {
         assert!(creds.contains("\nSU"), "{creds}");
         let claims = read_site_creds(&creds).unwrap();
         assert_eq!(claims.site, "plant7");
+        let seed_line = creds.lines().find(|line| line.starts_with("SU")).unwrap();
+        let key = KeyPair::from_seed(seed_line).unwrap();
+        assert_eq!(claims.key, key.public_key());
         assert_eq!(claims.expires, Some(7 + SITE_DAYS * DAY_S));
         for wrong in [
             "",

@@ -8,6 +8,7 @@
 //! - What site and centre say to each other: `message`. What a site says when, and up to where the
 //!   centre has its data: `uplink`. Which machine is a site, which sites are there, and what is
 //!   known of their points: `centre`.
+//! - Keys that are let in no longer: `revocation`.
 //! - A new fleet with all its files: `founding`; a server's configuration: `server_file`; its
 //!   certificates: `certificates`.
 
@@ -30,6 +31,7 @@ pub mod founding;
 mod grants;
 pub mod message;
 mod names;
+pub mod revocation;
 mod server_file;
 pub mod uplink;
 

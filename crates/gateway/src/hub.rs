@@ -4,10 +4,11 @@
 //! # Where things are
 //! - What is decided, without I/O: `railbus_fleet::centre`. What drives it: `driver`. Its
 //!   connection, and the streams of its servers: `link`. What it tells: `routes`, `view`. What
-//!   sites tell through it: `site_api`.
+//!   sites tell through it: `site_api`. Keys that are let in no longer: `revoke`.
 
 mod driver;
 mod link;
+mod revoke;
 mod routes;
 mod site_api;
 mod view;
@@ -19,6 +20,7 @@ use link::HubFiles;
 use railbus_app::failure::Failure;
 use railbus_app::socket;
 use railbus_words::{Code, Lang};
+pub use revoke::{Revocation, revoke_keys};
 use std::path::{Path, PathBuf};
 use tokio::sync::{mpsc, watch};
 

@@ -67,7 +67,7 @@ pub(super) struct Link {
     pub(super) leases: Ordered,
 }
 
-fn unusable(path: &Path, reason: &dyn ToString) -> Problem {
+pub(super) fn unusable(path: &Path, reason: &dyn ToString) -> Problem {
     Problem::new(codes::FLEET_FILE)
         .with("path", path.display().to_string())
         .with("reason", reason.to_string())
@@ -77,7 +77,7 @@ fn no_streams(reason: &dyn ToString) -> Problem {
     Problem::new(codes::FLEET_STREAMS).with("reason", reason.to_string())
 }
 
-fn ended(reason: &dyn ToString) -> Problem {
+pub(super) fn ended(reason: &dyn ToString) -> Problem {
     Problem::new(codes::FLEET_ENDED).with("reason", reason.to_string())
 }
 
@@ -130,38 +130,51 @@ impl HubFiles {
     }
 }
 
+/// Connects to one of the servers with these credentials, with the files as they are now; and
+/// whether the connection lasts.
+///
+/// # Errors
+/// None of them can be reached, or they don't accept these credentials.
+pub(super) async fn connect(
+    files: &HubFiles,
+    creds_file: &Path,
+) -> Result<(Client, watch::Receiver<bool>), Problem> {
+    let creds = std::fs::read_to_string(creds_file);
+    let creds = creds.map_err(|error| unusable(creds_file, &error))?;
+    let tls = trusting(Some(&files.ca), None, codes::FLEET_FILE)?;
+    let options = ConnectOptions::with_credentials(&creds);
+    let options = options.map_err(|error| unusable(creds_file, &error))?;
+    let (told, is_up) = watch::channel(true);
+    let options = options
+        .name("railbus hub")
+        .require_tls(true)
+        .tls_client_config(tls)
+        // Names are those of the certificates, not what servers say of each other.
+        .ignore_discovered_servers()
+        .connection_timeout(CONNECT_MAX)
+        .ping_interval(PING)
+        .subscription_capacity(WAITING_MAX)
+        // A new connection is made instead: messages were missed.
+        .max_reconnects(files.servers.len())
+        .event_callback(move |event| {
+            if matches!(event, Event::Disconnected | Event::Closed) {
+                told.send_replace(false);
+            }
+            std::future::ready(())
+        });
+    let servers = files.servers.iter().map(|server| format!("tls://{server}"));
+    let servers: Vec<String> = servers.collect();
+    let client = options.connect(servers).await.map_err(unreached)?;
+    Ok((client, is_up))
+}
+
 impl Opened {
     /// Connects to one of the servers, with the files as they are now.
     ///
     /// # Errors
     /// None of them can be reached, they don't accept this centre, or they have no streams.
     pub(super) async fn open(files: &HubFiles) -> Result<Opened, Problem> {
-        let creds = std::fs::read_to_string(&files.creds);
-        let creds = creds.map_err(|error| unusable(&files.creds, &error))?;
-        let tls = trusting(Some(&files.ca), None, codes::FLEET_FILE)?;
-        let options = ConnectOptions::with_credentials(&creds);
-        let options = options.map_err(|error| unusable(&files.creds, &error))?;
-        let (told, is_up) = watch::channel(true);
-        let options = options
-            .name("railbus hub")
-            .require_tls(true)
-            .tls_client_config(tls)
-            // Names are those of the certificates, not what servers say of each other.
-            .ignore_discovered_servers()
-            .connection_timeout(CONNECT_MAX)
-            .ping_interval(PING)
-            .subscription_capacity(WAITING_MAX)
-            // A new connection is made instead: messages were missed.
-            .max_reconnects(files.servers.len())
-            .event_callback(move |event| {
-                if matches!(event, Event::Disconnected | Event::Closed) {
-                    told.send_replace(false);
-                }
-                std::future::ready(())
-            });
-        let servers = files.servers.iter().map(|server| format!("tls://{server}"));
-        let servers: Vec<String> = servers.collect();
-        let client = options.connect(servers).await.map_err(unreached)?;
+        let (client, is_up) = connect(files, &files.creds).await?;
         let mut streams = jetstream::new(client.clone());
         streams.set_timeout(REQUEST_MAX);
         let mut made = Vec::new();

@@ -5,7 +5,10 @@ mod get;
 mod init;
 mod ls;
 #[cfg(feature = "fleet")]
+mod revoke;
+#[cfg(feature = "fleet")]
 mod serve;
+mod site_keys;
 mod texts;
 
 use super::Context;
@@ -32,7 +35,9 @@ pub(crate) fn define(lang: Lang) -> Command {
         .subcommand(init::define(lang))
         .subcommand(creds::define(lang));
     #[cfg(feature = "fleet")]
-    let group = group.subcommand(serve::define(lang));
+    let group = group
+        .subcommand(revoke::define(lang))
+        .subcommand(serve::define(lang));
     group
         .subcommand(ls::define(lang))
         .subcommand(get::define(lang))
@@ -57,6 +62,8 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     match verb {
         init::NAME => init::run(&context, matches),
         creds::NAME => creds::run(&context, matches),
+        #[cfg(feature = "fleet")]
+        revoke::NAME => revoke::run(&context, matches),
         #[cfg(feature = "fleet")]
         serve::NAME => serve::run(lang, matches),
         ls::NAME => ls::run(&context, matches),

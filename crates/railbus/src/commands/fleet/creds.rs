@@ -1,6 +1,6 @@
 //! `railbus fleet creds`: a key for a site, made beside the centre and carried to the site by hand.
 
-use super::FleetText;
+use super::{FleetText, site_keys};
 use crate::commands::Context;
 use clap::{ArgMatches, Command};
 use jiff::Timestamp;
@@ -34,7 +34,8 @@ pub(super) fn define(lang: Lang) -> Command {
 /// Writes the file of a site.
 pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure> {
     let lang = context.lang;
-    let hub = super::path(matches, "DIR").join("hub");
+    let folder = super::path(matches, "DIR");
+    let hub = folder.join("hub");
     let (site, file) = (super::text(matches, "SITE"), super::path(matches, "FILE"));
     let read = |name: &str| {
         let path = hub.join(name);
@@ -52,10 +53,12 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
             super::unusable(lang, &signing_file, &error)
         }
     })?;
+    let claims = read_site_creds(&creds);
+    let claims = claims.map_err(|error| super::unusable(lang, &signing_file, &error))?;
+    let keys = site_keys::of_site(&folder, site);
+    site_keys::note(lang, &keys, &claims.key, claims.expires.unwrap_or(u64::MAX))?;
     create(lang, &file, &creds)?;
-    let until = read_site_creds(&creds)
-        .ok()
-        .and_then(|claims| claims.expires);
+    let until = claims.expires;
     let until = until.and_then(|at| i64::try_from(at).ok());
     let until = until.and_then(|at| Timestamp::from_second(at).ok());
     let until = until.map(rfc3339).unwrap_or_default();

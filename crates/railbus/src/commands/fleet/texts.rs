@@ -11,11 +11,13 @@ railbus_words::texts! {
         en: "  railbus fleet init acme --nats nats1,nats2,nats3
   railbus fleet creds acme plant7 plant7.creds
   railbus fleet serve acme
-  railbus fleet get plant7 oven.k1",
+  railbus fleet get plant7 oven.k1
+  railbus fleet revoke acme plant7",
         zh: "  railbus fleet init acme --nats nats1,nats2,nats3
   railbus fleet creds acme plant7 plant7.creds
   railbus fleet serve acme
-  railbus fleet get plant7 oven.k1",
+  railbus fleet get plant7 oven.k1
+  railbus fleet revoke acme plant7",
     }
     Init {
         en: "Make the keys, accounts and certificates of a new fleet, and the \
@@ -73,6 +75,32 @@ railbus_words::texts! {
     CredsMade {
         en: "valid until {day}: replace it before; carry it to {site} by a way you trust",
         zh: "有效期至 {day}，请在此之前更换；请经可信途径送达 {site}",
+    }
+    Revoke {
+        en: "Let the keys of a site in no longer: its connections end at once. Needs the key \
+            in offline/, and servers that are running.",
+        zh: "吊销站点的密钥：其连接立即断开。需要 offline/ 中的密钥，且服务器须在运行。",
+    }
+    OfflineFolder {
+        en: "The folder with the keys that were taken away [DIR/offline]",
+        zh: "离线保管的密钥所在文件夹 [DIR/offline]",
+    }
+    NoKeys {
+        en: "{site} has no valid key: none was made for it, or all have expired",
+        zh: "{site} 没有有效密钥：未曾生成，或均已过期",
+    }
+    Revoked {
+        en: "keys of {site} revoked: {count}; known to {servers}",
+        zh: "已吊销 {site} 的密钥：{count} 个；已知晓：{servers}",
+    }
+    NotAllServers {
+        en: "{told} of {of} servers know it; the others let the keys in until they have \
+            heard of it",
+        zh: "{of} 台服务器中已有 {told} 台知晓；其余服务器得知之前仍接受这些密钥",
+    }
+    NewKey {
+        en: "to let {site} in again, make another key: railbus fleet creds",
+        zh: "如需重新接纳 {site}，请生成新密钥：railbus fleet creds",
     }
     Serve {
         en: "Run the centre of a fleet: it admits the sites, and knows how they are. The \
