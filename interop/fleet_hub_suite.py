@@ -368,6 +368,11 @@ def answers_badly(s, hub, site, session):
     code, said, error = hub.run_any("get", "-s", site.name, "m.k1")
     shown = [word in said + error for word in ("\x1b", "\x07", "rm -rf", "E0802")]
     s.check(entry, (code, shown), (8, [False, False, False, True]), f"a hostile problem: {error!r}")
+    site.api = site.form.ApiAnswer(refusal={"code": "\x1b[1m", "reason": "\x1b]0;pwn\x07 no"})
+    code, said, error = hub.run_any("get", "-s", site.name, "m.k1")
+    s.check(entry, (code, "\x1b" in said + error, " no" in error), (1, False, True),
+            f"a hostile refusal: {error!r}")
+    s.check(entry, "\\u001b" in hub.ask(path)[2], False, "for programs, too")
     # What can't be read whole is not read in part.
     body = json.dumps({"schema": 1, "points": [{**point, "path": "m.\x1b[31m"}]})[:-1]
     site.api = site.form.ApiAnswer(status=200, content_type="application/json",

@@ -468,7 +468,7 @@ impl DaemonClient {
     async fn whole(&self, answer: Answer) -> Result<Vec<u8>, Problem> {
         let is_of_site = answer.transit_ms().is_some();
         let body = answer.whole().await;
-        if !(self.is_far() && is_of_site) {
+        if !self.is_far() {
             return body.map(Into::into);
         }
         match body {
@@ -483,7 +483,11 @@ impl DaemonClient {
                     .unwrap_or_default();
                 let problem = serde_json::from_value(said);
                 let problem = problem.unwrap_or_else(|_| Problem::new(codes::DAEMON));
-                Err(self.of_its_site(problem))
+                // Others are of the centre.
+                Err(match is_of_site {
+                    true => self.of_its_site(problem),
+                    false => problem,
+                })
             }
         }
     }

@@ -13,6 +13,7 @@ use prost::Message as _;
 use railbus_api::fleet::TRANSIT_HEADER;
 use railbus_api::problem::{Problem, codes};
 use railbus_fleet::message::{ApiAnswer, ApiRequest};
+use railbus_words::width::is_shown;
 use std::time::Duration;
 use tokio::sync::watch;
 
@@ -29,6 +30,8 @@ const TRANSIT_MAX: Duration = Duration::from_secs(2);
 const CLOCKS_DIFFER: Duration = Duration::from_millis(5);
 /// What tells of the past, and may take its time.
 const PAST: [&str; 2] = ["/api/v1/history", "/api/v1/events"];
+/// The longest reason of a refusal, in characters.
+const REASON_MAX: usize = 200;
 /// What a site may send. Anything else could be a page with scripts for a browser.
 const MEDIA: [&str; 5] = [
     "application/json",
@@ -94,10 +97,12 @@ pub(super) async fn ask(
     };
     let answer = ApiAnswer::decode(message.payload).map_err(|error| none(error.to_string()))?;
     if let Some(refusal) = answer.refusal {
-        return Err(none(match refusal.reason.is_empty() {
+        let said = match refusal.reason.is_empty() {
             true => refusal.code,
             false => refusal.reason,
-        }));
+        };
+        let shown = said.chars().filter(|letter| is_shown(*letter));
+        return Err(none(shown.take(REASON_MAX).collect()));
     }
     let transit = transit(passed, Duration::from_millis(answer.took_ms));
     let is_of_now = !PAST.iter().any(|path| request.path.starts_with(path));
