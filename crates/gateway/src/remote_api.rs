@@ -43,6 +43,10 @@ pub(crate) struct RemoteRequest {
 }
 
 /// The response to it.
+#[cfg_attr(
+    not(any(test, feature = "fleet")),
+    expect(dead_code, reason = "nothing else asks from elsewhere")
+)]
 #[derive(Debug)]
 pub(crate) struct RemoteAnswer {
     /// The status of HTTP.
