@@ -38,15 +38,16 @@ impl std::fmt::Display for RevocationError {
 
 impl std::error::Error for RevocationError {}
 
-/// The claims of the account of sites with these keys revoked besides those that are: `token` as
-/// the servers have them, `account` its public key, `signing` the seed of the operator that signs
-/// them, at this time in seconds since 1970 or a little later. Everything else stays as it is.
+/// The claims of the account of sites with these keys revoked besides those that are: `tokens` as
+/// servers have them, of which the latest is taken, `account` its public key, `signing` the seed of
+/// the operator that signs them, at this time in seconds since 1970 or a little later. Everything
+/// else stays as it is.
 ///
 /// # Errors
 /// [`RevocationError`]. Claims that the operator did not sign are none: servers could have them
 /// changed.
 pub fn revoke(
-    (token, account): (&str, &str),
+    (tokens, account): (&[String], &str),
     signing: &str,
     keys: &[RevokedKey],
     now: u64,
@@ -55,17 +56,15 @@ pub fn revoke(
     if signing.key_pair_type() != KeyPairType::Operator {
         return Err(RevocationError::Signing);
     }
-    let body = claims::verified(token, &signing).ok_or(RevocationError::Claims)?;
-    let text = |key: &str| body.get(key).and_then(Value::as_str);
+    let verified = tokens.iter().filter_map(|token| {
+        let body = claims::verified(token, &signing)?;
+        let is_account = body.pointer("/nats/type") == Some(&json!("account"));
+        let is_it = is_account && body.get("sub") == Some(&json!(account));
+        is_it.then_some(body)
+    });
+    let issued = |body: &Value| body.get("iat").and_then(Value::as_u64).unwrap_or_default();
+    let body = verified.max_by_key(issued).ok_or(RevocationError::Claims)?;
     let mut nats = body.get("nats").cloned().unwrap_or_default();
-    let is_account = nats.get("type") == Some(&json!("account"));
-    let (true, Some(true), Some(name)) = (
-        is_account,
-        text("sub").map(|sub| sub == account),
-        text("name"),
-    ) else {
-        return Err(RevocationError::Claims);
-    };
     let revoked = nats
         .as_object_mut()
         .map(|nats| nats.entry("revocations").or_insert_with(|| json!({})));
@@ -79,13 +78,12 @@ pub fn revoke(
         let before = revoked.get(key).and_then(Value::as_u64);
         revoked.insert(key.clone(), json!(before.unwrap_or_default().max(*at)));
     }
-    // Of claims of the same second servers take those that they hear of last, which may be the old
-    // ones of a server that was away.
-    let before = body.get("iat").and_then(Value::as_u64).unwrap_or_default();
     let claims = Claims {
         subject: account,
-        name,
-        issued: now.max(before.saturating_add(1)),
+        name: body.get("name").and_then(Value::as_str).unwrap_or_default(),
+        // Of claims of the same second servers take those that they hear of last, which may be the
+        // old ones of a server that was away.
+        issued: now.max(issued(&body).saturating_add(1)),
         expires: body.get("exp").and_then(Value::as_u64),
         nats,
     };
@@ -93,7 +91,8 @@ pub fn revoke(
 }
 
 /// Whether this is the public key of a site.
-fn is_site_key(key: &str) -> bool {
+#[must_use]
+pub fn is_site_key(key: &str) -> bool {
     let key = KeyPair::from_public_key(key);
     key.is_ok_and(|key| key.key_pair_type() == KeyPairType::User)
 }
@@ -136,7 +135,8 @@ mod tests {
                 .collect();
             let seed = self.operator.seed().unwrap();
             let account = self.account.public_key();
-            let signed = revoke((token, &account), &seed, &keys, 9)?;
+            let tokens = [String::new(), token.to_owned()];
+            let signed = revoke((&tokens, &account), &seed, &keys, 9)?;
             Ok(claims::verified(&signed, &self.operator).unwrap())
         }
     }
@@ -180,6 +180,29 @@ mod tests {
         assert_eq!([7, 8, 9, 20].map(signed_at), [9, 9, 10, 21]);
     }
 
+    /// A server that was away, or a hostile one, has older ones that this operator signed, too.
+    #[test]
+    fn the_latest_claims_count() {
+        let keys = Keys::new();
+        let signed = |issued: u64, conn: u64| {
+            let claims = Claims {
+                subject: &keys.account.public_key(),
+                name: "SITES",
+                issued,
+                expires: None,
+                nats: json!({ "type": "account", "limits": { "conn": conn } }),
+            };
+            claims.sign(&keys.operator).unwrap()
+        };
+        let tokens = [signed(3, 1), signed(6, 2), signed(5, 3), "x".to_owned()];
+        let account = keys.account.public_key();
+        let seed = keys.operator.seed().unwrap();
+        let signed = revoke((&tokens, &account), &seed, &[], 4).unwrap();
+        let body = claims::verified(&signed, &keys.operator).unwrap();
+        assert_eq!(body["nats"]["limits"]["conn"], 2);
+        assert_eq!(body["iat"], 7);
+    }
+
     #[test]
     fn nothing_is_signed_that_the_operator_has_not_signed_before() {
         let (keys, other) = (Keys::new(), Keys::new());
@@ -209,6 +232,7 @@ mod tests {
         }
         let seed = keys.operator.seed().unwrap();
         let account = other.account.public_key();
+        let good = [good];
         let end = revoke((&good, &account), &seed, &[], 9);
         assert_eq!(end, Err(RevocationError::Claims));
         for seed in ["", &keys.account.seed().unwrap()] {
@@ -216,7 +240,7 @@ mod tests {
             assert_eq!(end, Err(RevocationError::Signing));
         }
         for no_key in ["", "*", &keys.account.public_key()] {
-            let end = keys.revoke(&good, &[(no_key, 1)]);
+            let end = keys.revoke(&good[0], &[(no_key, 1)]);
             assert_eq!(end, Err(RevocationError::Key(no_key.to_owned())));
         }
     }

@@ -3,33 +3,39 @@
 
 use super::link::{self, HubFiles};
 use crate::nats::next;
-use async_nats::Client;
+use async_nats::{Client, Subscriber};
 use railbus_api::problem::{Problem, codes};
 use railbus_app::failure::Failure;
 use railbus_fleet::revocation::{RevokedKey, revoke};
+use railbus_store::durable;
 use railbus_words::Lang;
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::path::Path;
 use std::time::Duration;
-use tokio::time::{Instant, timeout, timeout_at};
+use tokio::time::{Instant, timeout_at};
 
 /// How long servers may take to say what they have, and that they took something.
 const ANSWERS_MAX: Duration = Duration::from_secs(5);
 /// What a server says of claims that it took.
 const TAKEN: u64 = 200;
 
+/// The claims that were handed over last, below the folder of the fleet.
+const HANDED_OVER: &str = "hub/sites-account.jwt";
+
 /// The result of a revocation.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Revocation {
-    /// The servers that know it.
+    /// The servers that let the keys in no longer.
     pub servers: Vec<String>,
     /// How many servers the fleet has.
     pub of: usize,
+    /// Why one of the others did not take it, if it said so.
+    pub refused: Option<String>,
 }
 
 /// Revokes these keys at the servers of the fleet in this folder. `signing` is the seed of the
-/// operator that signs accounts, `now` the time in seconds since 1970.
+/// operator that signs accounts, `now` the time in seconds since 1970. Only one may run at a time.
 ///
 /// # Errors
 /// Files can't be used, no server can be reached or none takes it, or the servers' claims are not
@@ -43,18 +49,30 @@ pub fn revoke_keys(
 ) -> Result<Revocation, Failure> {
     let revoked = async {
         let files = HubFiles::read(folder)?;
+        let count = files.servers.len();
         let account_file = folder.join("hub/sites-account.pub");
         let account = std::fs::read_to_string(&account_file);
         let account = account.map_err(|error| link::unusable(&account_file, &error))?;
         let account = account.trim();
         let (client, _) = link::connect(&files, &folder.join("hub/system.creds")).await?;
-        let token = claims(&client, account).await?;
-        let token = revoke((&token, account), signing, keys, now);
+        let mut tokens = claims(&client, account, count).await?;
+        let kept = folder.join(HANDED_OVER);
+        // There is none the first time.
+        tokens.extend(std::fs::read_to_string(&kept).map(|token| token.trim().to_owned()));
+        let token = revoke((&tokens, account), signing, keys, now);
         let token = token.map_err(|error| link::unusable(folder, &error))?;
-        let servers = hand_over(&client, account, token, files.servers.len()).await?;
+        let kept_so = durable::replace(&kept, token.as_bytes(), None);
+        kept_so.map_err(|error| link::unusable(&kept, &error))?;
+        let (mut servers, refused) = hand_over(&client, account, &token, count).await?;
+        // Another one may have handed over others at the same moment.
+        let now_there = claims(&client, account, count).await?;
+        if now_there.iter().filter(|there| **there == token).count() < servers.len() {
+            servers.clear();
+        }
         Ok(Revocation {
             servers: servers.into_iter().collect(),
-            of: files.servers.len(),
+            of: count,
+            refused,
         })
     };
     tokio::runtime::Builder::new_current_thread()
@@ -65,41 +83,51 @@ pub fn revoke_keys(
         .map_err(|problem: Problem| Failure::of_problem(lang, &problem))
 }
 
-/// The claims of an account, as a server has them.
-async fn claims(client: &Client, account: &str) -> Result<String, Problem> {
-    let subject = format!("$SYS.REQ.ACCOUNT.{account}.CLAIMS.LOOKUP");
-    let asked = timeout(ANSWERS_MAX, client.request(subject, Vec::new().into())).await;
-    let answer = asked.map_err(|_| link::ended(&"the servers do not say whom they let in"))?;
-    let answer = answer.map_err(|error| link::ended(&error))?;
-    Ok(String::from_utf8_lossy(&answer.payload).into_owned())
+/// Asks all servers; their answers as they come, until there are so many or it takes too long.
+async fn ask(client: &Client, subject: String, payload: &str) -> Result<Subscriber, Problem> {
+    let inbox = client.new_inbox();
+    let answers = client.subscribe(inbox.clone()).await;
+    let answers = answers.map_err(|error| link::ended(&error))?;
+    let sent = client.publish_with_reply(subject, inbox, payload.to_owned().into());
+    sent.await.map_err(|error| link::ended(&error))?;
+    Ok(answers)
 }
 
-/// Hands claims over to all servers; which of them took it.
+/// The claims of an account, as each server has them.
+async fn claims(client: &Client, account: &str, count: usize) -> Result<Vec<String>, Problem> {
+    let subject = format!("$SYS.REQ.ACCOUNT.{account}.CLAIMS.LOOKUP");
+    let mut answers = ask(client, subject, "").await?;
+    let (end, mut found) = (Instant::now() + ANSWERS_MAX, Vec::new());
+    while found.len() < count
+        && let Ok(Some(answer)) = timeout_at(end, next(&mut answers)).await
+    {
+        found.push(String::from_utf8_lossy(&answer.payload).into_owned());
+    }
+    Ok(found)
+}
+
+/// Hands claims over to all servers: which of them took it, and why another one did not.
 async fn hand_over(
     client: &Client,
     account: &str,
-    token: String,
+    token: &str,
     count: usize,
-) -> Result<BTreeSet<String>, Problem> {
-    let inbox = client.new_inbox();
-    let answers = client.subscribe(inbox.clone()).await;
-    let mut answers = answers.map_err(|error| link::ended(&error))?;
-    let sent = client.publish_with_reply("$SYS.REQ.CLAIMS.UPDATE", inbox, token.into());
-    sent.await.map_err(|error| link::ended(&error))?;
+) -> Result<(BTreeSet<String>, Option<String>), Problem> {
+    let mut answers = ask(client, "$SYS.REQ.CLAIMS.UPDATE".to_owned(), token).await?;
     let end = Instant::now() + ANSWERS_MAX;
-    let (mut servers, mut refused) = (BTreeSet::new(), String::new());
+    let (mut servers, mut refused) = (BTreeSet::new(), None);
     while servers.len() < count
         && let Ok(Some(answer)) = timeout_at(end, next(&mut answers)).await
     {
         match taken_by(&answer.payload, account) {
             Ok(server) => _ = servers.insert(server),
-            Err(reason) => refused = reason,
+            Err(reason) => refused = Some(reason),
         }
     }
-    match servers.is_empty() {
-        false => Ok(servers),
-        true if refused.is_empty() => Err(link::ended(&"no server says that it took it")),
-        true => Err(Problem::new(codes::FLEET_NOT_STORED).with("reason", refused)),
+    match (servers.is_empty(), refused) {
+        (false, refused) => Ok((servers, refused)),
+        (true, None) => Err(link::ended(&"no server says that it took it")),
+        (true, Some(why)) => Err(Problem::new(codes::FLEET_NOT_STORED).with("reason", why)),
     }
 }
 

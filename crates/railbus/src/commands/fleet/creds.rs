@@ -56,7 +56,11 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
     let claims = read_site_creds(&creds);
     let claims = claims.map_err(|error| super::unusable(lang, &signing_file, &error))?;
     let keys = site_keys::of_site(&folder, site);
-    site_keys::note(lang, &keys, &claims.key, claims.expires.unwrap_or(u64::MAX))?;
+    let until = claims.expires.unwrap_or(u64::MAX);
+    // Before it is handed out: a key that is not noted can't be revoked.
+    let alone = site_keys::alone(lang, &keys)?;
+    site_keys::add(lang, &keys, &format!("{} {until}\n", claims.key))?;
+    drop(alone);
     create(lang, &file, &creds)?;
     let until = claims.expires;
     let until = until.and_then(|at| i64::try_from(at).ok());

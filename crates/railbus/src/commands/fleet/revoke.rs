@@ -3,78 +3,86 @@
 use super::{FleetText, site_keys};
 use crate::args;
 use crate::commands::Context;
-use clap::{ArgMatches, Command};
+use crate::texts::Text;
+use clap::{Arg, ArgAction, ArgMatches, Command};
 use railbus_app::failure::Failure;
 use railbus_app::render::{Format, out, records};
-use railbus_fleet::is_site_name;
-use railbus_fleet::revocation::RevokedKey;
+use railbus_fleet::revocation::{RevokedKey, is_site_key};
+use railbus_fleet::{SITE_DAYS, is_site_name};
 use railbus_gateway::hub;
 use railbus_words::{Code, Lang};
 use serde_json::json;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// The name of the command.
 pub(super) const NAME: &str = "revoke";
 
+/// A key that is not noted is valid for so long at most, in seconds.
+const UNNOTED_S: u64 = SITE_DAYS * 86_400;
+
 /// Its parser and help.
 pub(super) fn define(lang: Lang) -> Command {
-    let usage = "railbus fleet revoke DIR SITE [--offline DIR]";
+    let usage = "railbus fleet revoke DIR [SITE] [--key KEY] [--offline DIR]";
     let offline = args::flag(lang, "offline", FleetText::OfflineFolder)
         .value_name("DIR")
         .value_parser(clap::value_parser!(PathBuf));
+    let key = args::flag(lang, "key", FleetText::UnnotedKey)
+        .value_name("KEY")
+        .action(ArgAction::Append)
+        .requires("SITE");
+    let site = Arg::new("SITE").help(lang.get(FleetText::RevokedSite));
     super::verb(lang, NAME, FleetText::Revoke, usage)
         .arg(super::required(lang, "DIR", FleetText::Folder))
-        .arg(super::required(lang, "SITE", FleetText::SiteName))
+        .arg(site)
+        .arg(key)
         .arg(offline)
 }
 
-/// Revokes all keys that the site was given until now.
+/// Revokes all keys that the site was given until now, and hands over all that was revoked.
 pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure> {
     let lang = context.lang;
-    let (folder, site) = (super::path(matches, "DIR"), super::text(matches, "SITE"));
-    if !is_site_name(site) {
-        let message = lang.get(FleetText::BadName).to_owned();
-        return Err(Failure::new(Code::Usage, message));
-    }
+    let folder = super::path(matches, "DIR");
     let offline: Option<&PathBuf> = matches.get_one("offline");
     let offline = offline.map_or_else(|| folder.join("offline"), Clone::clone);
     let signing_file = offline.join("operator-signing.nk");
     let signing = std::fs::read_to_string(&signing_file);
-    let signing = signing.map_err(|error| {
-        let failure = super::unusable(lang, &signing_file, &error);
-        failure.with_try(format!("railbus fleet revoke DIR {site} --offline DIR"))
-    })?;
-    let now = super::now();
-    let given = site_keys::valid(lang, &site_keys::of_site(&folder, site), now)?;
-    if given.is_empty() {
-        let message = lang.fill(FleetText::NoKeys, &[("site", &site)]);
-        return Err(Failure::new(Code::NoSite, message));
-    }
+    let signing = signing.map_err(|error| super::unusable(lang, &signing_file, &error))?;
     let revoked_file = offline.join("revoked");
-    // All of them: a server that lost its claims has them again then.
+    let _alone = site_keys::alone(lang, &revoked_file)?;
     let mut keys = site_keys::revoked(lang, &revoked_file)?;
-    // Later than the last time: of two of one second a server could keep the earlier one.
-    let last = keys.iter().map(|each| each.at).max().unwrap_or_default();
-    let now = now.max(last.saturating_add(1));
-    let new: Vec<RevokedKey> = given
-        .into_iter()
-        .map(|key| RevokedKey { key, at: now })
-        .collect();
-    site_keys::add_revoked(lang, &revoked_file, site, &new)?;
+    let site = matches.get_one::<String>("SITE");
+    let new = match site {
+        Some(site) => new_keys(context, matches, &folder, site)?,
+        // A server that was away, or that lost its claims, gets all of them.
+        None => Vec::new(),
+    };
+    if let Some(site) = site {
+        let lines = new
+            .iter()
+            .map(|each| format!("{} {} {site}\n", each.key, each.at));
+        site_keys::add(lang, &revoked_file, &lines.collect::<String>())?;
+    }
     keys.extend(new.iter().cloned());
-    let done = hub::revoke_keys(lang, &folder, signing.trim(), &keys, now)?;
+    let done = hub::revoke_keys(lang, &folder, signing.trim(), &keys, super::now())?;
+    // Without a site: all of them.
+    let told = if site.is_some() { &new } else { &keys };
+    let names: Vec<&str> = told.iter().map(|each| each.key.as_str()).collect();
     let servers = done.servers.join(" ");
-    let names: Vec<&str> = new.iter().map(|each| each.key.as_str()).collect();
     let text = match context.format {
         Format::Table => {
+            let of = site.map_or("", String::as_str);
             let values: &[(&str, &dyn std::fmt::Display)] = &[
                 ("count", &names.len()),
-                ("site", &site),
+                ("site", &of),
                 ("servers", &servers),
             ];
-            format!("{}\n", lang.fill(FleetText::Revoked, values))
+            let text = match site {
+                Some(_) => FleetText::Revoked,
+                None => FleetText::AllRevoked,
+            };
+            format!("{}\n", lang.fill(text, values))
         }
-        Format::Value | Format::Csv => format!("{}\n", names.join("\n")),
+        Format::Value | Format::Csv => names.iter().map(|key| format!("{key}\n")).collect(),
         _ => records::line(json!({ "site": site, "keys": names, "servers": done.servers })),
     };
     out::result(lang, &text)?;
@@ -82,8 +90,52 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
         let (told, of) = (done.servers.len(), done.of);
         let values: &[(&str, &dyn std::fmt::Display)] = &[("told", &told), ("of", &of)];
         let failure = Failure::new(Code::Partial, lang.fill(FleetText::NotAllServers, values));
-        return Err(failure.with_try(format!("railbus fleet revoke {} {site}", folder.display())));
+        let failure = done.refused.into_iter().fold(failure, Failure::because);
+        let mut again = format!("railbus fleet revoke {}", folder.display());
+        if let Some(offline) = matches.get_one::<PathBuf>("offline") {
+            again += &format!(" --offline {}", offline.display());
+        }
+        return Err(failure.with_try(again));
     }
-    context.note(&lang.fill(FleetText::NewKey, &[("site", &site)]));
+    if let Some(site) = site {
+        context.note(&lang.fill(FleetText::NewKey, &[("site", site)]));
+    }
     Ok(())
+}
+
+/// The keys of this site that are noted, and those that are named.
+fn new_keys(
+    context: &Context,
+    matches: &ArgMatches,
+    folder: &Path,
+    site: &str,
+) -> Result<Vec<RevokedKey>, Failure> {
+    let lang = context.lang;
+    if !is_site_name(site) {
+        let message = lang.get(FleetText::BadName).to_owned();
+        return Err(Failure::new(Code::Usage, message));
+    }
+    let noted_file = site_keys::of_site(folder, site);
+    let mut keys = site_keys::noted(lang, &noted_file)?;
+    let named = matches.get_many::<String>("key").into_iter().flatten();
+    for key in named {
+        if !is_site_key(key) {
+            let values: &[(&str, &dyn std::fmt::Display)] = &[("name", &"--key"), ("value", key)];
+            return Err(Failure::new(Code::Usage, lang.fill(Text::BadValue, values)));
+        }
+        keys.push((key.clone(), super::now().saturating_add(UNNOTED_S)));
+    }
+    if keys.is_empty() {
+        let values: &[(&str, &dyn std::fmt::Display)] =
+            &[("site", &site), ("file", &noted_file.display())];
+        return Err(Failure::new(
+            Code::NoSite,
+            lang.fill(FleetText::NoKeys, values),
+        ));
+    }
+    // Until they have expired: no key is made twice, and clocks differ.
+    let revoked = keys
+        .into_iter()
+        .map(|(key, until)| RevokedKey { key, at: until });
+    Ok(revoked.collect())
 }

@@ -1,85 +1,97 @@
-//! Which keys a site was given, and which of all were revoked: text files in the folder of a fleet.
+//! Which keys a site was given, and which of all were revoked: text files in the folder of a fleet,
+//! a line each. A last line without an end was never finished, and does not count.
 
 use super::unusable;
 use railbus_app::failure::Failure;
 #[cfg(feature = "fleet")]
-use railbus_fleet::revocation::RevokedKey;
+use railbus_fleet::revocation::{RevokedKey, is_site_key};
 use railbus_store::durable;
 use railbus_words::Lang;
-use std::fs::OpenOptions;
-#[cfg(feature = "fleet")]
+use std::fs::{File, OpenOptions};
 use std::io::ErrorKind;
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-/// The keys that a site was given, a line each: the public key, and until when it is valid in
-/// seconds since 1970.
+/// A public key, and until when it is valid in seconds since 1970.
+#[cfg(feature = "fleet")]
+pub(super) type NotedKey = (String, u64);
+
+/// Where the keys that a site was given are noted.
 pub(super) fn of_site(folder: &Path, site: &str) -> PathBuf {
     folder.join("hub/sites").join(format!("{site}.keys"))
 }
 
-/// Notes a key. Called before the key is handed out: one that is not noted can't be revoked.
-pub(super) fn note(lang: Lang, path: &Path, key: &str, until: u64) -> Result<(), Failure> {
-    let written = || {
+/// Waits until no other command changes what is noted; until the file is dropped none does.
+pub(super) fn alone(lang: Lang, path: &Path) -> Result<File, Failure> {
+    let lock = path.with_file_name("lock");
+    let locked = || {
         if let Some(parent) = path.parent() {
             durable::folder(parent)?;
         }
-        let mut file = OpenOptions::new().create(true).append(true).open(path)?;
-        file.write_all(format!("{key} {until}\n").as_bytes())?;
-        file.sync_all()
+        let file = OpenOptions::new()
+            .create(true)
+            .truncate(false)
+            .write(true)
+            .open(&lock)?;
+        file.lock()?;
+        Ok(file)
     };
-    written().map_err(|error| unusable(lang, path, &error))
+    locked().map_err(|error: std::io::Error| unusable(lang, &lock, &error))
 }
 
-/// The keys of a site that are still valid at this time.
+/// Adds lines to a file; all of them or none.
+pub(super) fn add(lang: Lang, path: &Path, lines: &str) -> Result<(), Failure> {
+    let text = whole(lang, path)? + lines;
+    let written = durable::replace(path, text.as_bytes(), Some(0o600));
+    written.map_err(|error| unusable(lang, path, &error))
+}
+
+/// The finished lines of a file; none if there is no file.
+fn whole(lang: Lang, path: &Path) -> Result<String, Failure> {
+    match std::fs::read_to_string(path) {
+        Ok(text) => {
+            let end = text.rfind('\n').map_or(0, |at| at + 1);
+            Ok(text[..end].to_owned())
+        }
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(String::new()),
+        Err(error) => Err(unusable(lang, path, &error)),
+    }
+}
+
+/// The keys that a site was given.
 #[cfg(feature = "fleet")]
-pub(super) fn valid(lang: Lang, path: &Path, now: u64) -> Result<Vec<String>, Failure> {
-    let text = match std::fs::read_to_string(path) {
-        Ok(text) => text,
-        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Vec::new()),
-        Err(error) => return Err(unusable(lang, path, &error)),
-    };
-    let lines = text.lines().map(|line| line.split_once(' '));
-    let keys = lines.map(|line| line.and_then(|(key, until)| Some((key, until.parse().ok()?))));
-    let keys: Option<Vec<(&str, u64)>> = keys.collect();
-    let keys = keys.ok_or_else(|| unusable(lang, path, &"a line is not KEY TIME"))?;
-    let valid = keys.into_iter().filter(|(_, until)| *until >= now);
-    Ok(valid.map(|(key, _)| key.to_owned()).collect())
+pub(super) fn noted(lang: Lang, path: &Path) -> Result<Vec<NotedKey>, Failure> {
+    read(lang, path, |words| match words[..] {
+        [key, until] => Some((key.to_owned(), until.parse().ok()?)),
+        _ => None,
+    })
 }
 
-/// All keys that were revoked, a line each: the public key, since when, and the site.
+/// All keys that were revoked: the third word is their site.
 #[cfg(feature = "fleet")]
 pub(super) fn revoked(lang: Lang, path: &Path) -> Result<Vec<RevokedKey>, Failure> {
-    let text = match std::fs::read_to_string(path) {
-        Ok(text) => text,
-        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Vec::new()),
-        Err(error) => return Err(unusable(lang, path, &error)),
-    };
-    let read = |line: &str| {
-        let mut words = line.split(' ');
-        let (key, at) = (words.next()?.to_owned(), words.next()?.parse().ok()?);
-        Some(RevokedKey { key, at })
-    };
-    let keys: Option<Vec<RevokedKey>> = text.lines().map(read).collect();
-    keys.ok_or_else(|| unusable(lang, path, &"a line is not KEY TIME SITE"))
+    read(lang, path, |words| match words[..] {
+        [key, at, _] => Some(RevokedKey {
+            key: key.to_owned(),
+            at: at.parse().ok()?,
+        }),
+        _ => None,
+    })
 }
 
-/// Adds revoked keys of a site. Called before servers are told: whoever is interrupted repeats it.
+/// Reads each line, whose first word is a key.
 #[cfg(feature = "fleet")]
-pub(super) fn add_revoked(
+fn read<T>(
     lang: Lang,
     path: &Path,
-    site: &str,
-    keys: &[RevokedKey],
-) -> Result<(), Failure> {
-    let lines = keys
-        .iter()
-        .map(|each| format!("{} {} {site}\n", each.key, each.at));
-    let lines: String = lines.collect();
-    let written = || {
-        let mut file = OpenOptions::new().create(true).append(true).open(path)?;
-        file.write_all(lines.as_bytes())?;
-        file.sync_all()
-    };
-    written().map_err(|error| unusable(lang, path, &error))
+    line: impl Fn(Vec<&str>) -> Option<T>,
+) -> Result<Vec<T>, Failure> {
+    let text = whole(lang, path)?;
+    let lines = text.lines().enumerate();
+    let read = lines.map(|(at, text)| {
+        let words: Vec<&str> = text.split(' ').collect();
+        let is_key = words.first().is_some_and(|key| is_site_key(key));
+        let read = is_key.then(|| line(words)).flatten();
+        read.ok_or_else(|| unusable(lang, path, &format!("line {}: {text}", at + 1)))
+    });
+    read.collect()
 }

@@ -78,25 +78,38 @@ railbus_words::texts! {
     }
     Revoke {
         en: "Let the keys of a site in no longer: its connections end at once. Needs the key \
-            in offline/, and servers that are running.",
-        zh: "吊销站点的密钥：其连接立即断开。需要 offline/ 中的密钥，且服务器须在运行。",
+            in offline/, and servers that are running. Without SITE all that was revoked is \
+            handed to the servers again.",
+        zh: "吊销站点的密钥：其连接立即断开。需要 offline/ 中的密钥，且服务器须在运行。不给出 SITE \
+            时，将已吊销的全部密钥重新下发到服务器。",
     }
     OfflineFolder {
         en: "The folder with the keys that were taken away [DIR/offline]",
         zh: "离线保管的密钥所在文件夹 [DIR/offline]",
     }
+    RevokedSite {
+        en: "The site: all keys made for it in DIR so far",
+        zh: "站点：此前在 DIR 中为其生成的全部密钥",
+    }
+    UnnotedKey {
+        en: "Also this public key (U…), which was made elsewhere",
+        zh: "同时吊销在别处生成的公钥（U…）",
+    }
     NoKeys {
-        en: "{site} has no valid key: none was made for it, or all have expired",
-        zh: "{site} 没有有效密钥：未曾生成，或均已过期",
+        en: "no key of {site} is noted in {file}: name it with --key",
+        zh: "{file} 中没有 {site} 的密钥，请用 --key 指定",
     }
     Revoked {
-        en: "keys of {site} revoked: {count}; known to {servers}",
-        zh: "已吊销 {site} 的密钥：{count} 个；已知晓：{servers}",
+        en: "keys of {site} revoked: {count}; let in no longer by {servers}",
+        zh: "已吊销 {site} 的密钥：{count} 个；已生效的服务器：{servers}",
+    }
+    AllRevoked {
+        en: "revoked keys: {count}; let in no longer by {servers}",
+        zh: "已吊销的密钥：{count} 个；已生效的服务器：{servers}",
     }
     NotAllServers {
-        en: "{told} of {of} servers know it; the others let the keys in until they have \
-            heard of it",
-        zh: "{of} 台服务器中已有 {told} 台知晓；其余服务器得知之前仍接受这些密钥",
+        en: "{told} of {of} servers refuse the keys; another one may still let them in",
+        zh: "{of} 台服务器中已有 {told} 台生效；其余服务器可能仍接受这些密钥",
     }
     NewKey {
         en: "to let {site} in again, make another key: railbus fleet creds",
