@@ -33,7 +33,7 @@ impl HubClient {
                 return Ok(HubClient { socket });
             }
         }
-        Err(Problem::new(codes::DAEMON).with_hint("railbus fleet serve DIR"))
+        Err(unreached(Problem::new(codes::DAEMON)))
     }
 
     /// The path of its socket.
@@ -58,10 +58,19 @@ impl HubClient {
     }
 
     async fn get<T: DeserializeOwned>(&self, path: &str) -> Result<T, Problem> {
-        let answer = send(&self.socket, Method::GET, path, Vec::new()).await?;
+        let answer = send(&self.socket, Method::GET, path, Vec::new()).await;
+        let answer = answer.map_err(unreached)?;
         let said: Value = read(&self.socket, &answer.whole().await?)?;
         // Sites said what it tells.
         let said = serde_json::to_vec(&plain(said)).unwrap_or_default();
         read(&self.socket, &said)
+    }
+}
+
+/// The centre can't be reached: it, not the daemon of a site, is to be started.
+pub(crate) fn unreached(problem: Problem) -> Problem {
+    match problem.code == codes::DAEMON.code {
+        true => problem.with_hint("railbus fleet serve DIR"),
+        false => problem,
     }
 }

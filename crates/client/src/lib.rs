@@ -453,7 +453,8 @@ impl DaemonClient {
             None => send(&self.socket, method, path, body).await,
             Some(site) => {
                 let path = format!("/s/{}{path}", encoded(site));
-                send(&self.socket, method, &path, body).await
+                let answer = send(&self.socket, method, &path, body).await;
+                answer.map_err(hub::unreached)
             }
         }
     }
