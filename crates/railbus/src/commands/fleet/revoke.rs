@@ -57,9 +57,9 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
         None => Vec::new(),
     };
     if let Some(site) = site {
-        let lines = new
-            .iter()
-            .map(|each| format!("{} {} {site}\n", each.key, each.at));
+        // Revoked once more, a key is not noted again.
+        let added = new.iter().filter(|each| !keys.contains(each));
+        let lines = added.map(|each| format!("{} {} {site}\n", each.key, each.at));
         site_keys::add(lang, &revoked_file, &lines.collect::<String>())?;
     }
     keys.extend(new.iter().cloned());
@@ -67,7 +67,10 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
     // Without a site: all of them.
     let told = if site.is_some() { &new } else { &keys };
     let names: Vec<&str> = told.iter().map(|each| each.key.as_str()).collect();
-    let servers = done.servers.join(" ");
+    let servers = match done.servers.is_empty() {
+        true => "–".to_owned(),
+        false => done.servers.join(" "),
+    };
     let text = match context.format {
         Format::Table => {
             let of = site.map_or("", String::as_str);

@@ -77,14 +77,14 @@ railbus_words::texts! {
         zh: "有效期至 {day}，请在此之前更换；请经可信途径送达 {site}",
     }
     Revoke {
-        en: "Let the keys of a site in no longer: its connections end at once. Needs the key \
-            in offline/, and servers that are running. Without SITE all that was revoked is \
-            handed to the servers again.",
+        en: "Revoke the keys of a site: servers end its connections at once. Needs the key in \
+            offline/, and running servers. Without SITE all revocations are sent to the servers \
+            again.",
         zh: "吊销站点的密钥：其连接立即断开。需要 offline/ 中的密钥，且服务器须在运行。不给出 SITE \
             时，将已吊销的全部密钥重新下发到服务器。",
     }
     OfflineFolder {
-        en: "The folder with the keys that were taken away [DIR/offline]",
+        en: "The folder with the offline keys [DIR/offline]",
         zh: "离线保管的密钥所在文件夹 [DIR/offline]",
     }
     RevokedSite {
@@ -96,19 +96,19 @@ railbus_words::texts! {
         zh: "同时吊销在别处生成的公钥（U…）",
     }
     NoKeys {
-        en: "no key of {site} is noted in {file}: name it with --key",
+        en: "no key of {site} is recorded in {file}: name it with --key",
         zh: "{file} 中没有 {site} 的密钥，请用 --key 指定",
     }
     Revoked {
-        en: "keys of {site} revoked: {count}; let in no longer by {servers}",
+        en: "keys of {site} revoked: {count}; in force at {servers}",
         zh: "已吊销 {site} 的密钥：{count} 个；已生效的服务器：{servers}",
     }
     AllRevoked {
-        en: "revoked keys: {count}; let in no longer by {servers}",
+        en: "revoked keys: {count}; in force at {servers}",
         zh: "已吊销的密钥：{count} 个；已生效的服务器：{servers}",
     }
     NotAllServers {
-        en: "{told} of {of} servers refuse the keys; another one may still let them in",
+        en: "in force at {told} of {of} servers; the others may still accept the keys",
         zh: "{of} 台服务器中已有 {told} 台生效；其余服务器可能仍接受这些密钥",
     }
     NewKey {
