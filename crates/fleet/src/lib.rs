@@ -21,6 +21,9 @@ const DAY_S: u64 = 86_400;
 /// A site's key that is valid for less than this has to be renewed, in seconds: 30 days.
 pub const KEY_ENDS_SOON_S: i64 = 30 * 86_400;
 
+/// How long the centre waits for an answer of a site's API.
+pub const API_ANSWER_MAX: std::time::Duration = std::time::Duration::from_secs(25);
+
 pub mod centre;
 mod certificates;
 mod claims;

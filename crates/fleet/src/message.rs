@@ -141,7 +141,7 @@ pub struct ApiRequest {
     /// The path with its query.
     #[prost(string, tag = "2")]
     pub path: String,
-    /// Who asks, as the centre knows him.
+    /// The name of the caller at the centre.
     #[prost(string, tag = "3")]
     pub user: String,
     /// As in `Accept-Language`; empty for errors without texts.

@@ -115,7 +115,7 @@ pub(super) enum Known {
     },
     /// By a token of this id.
     Token(String),
-    /// By an outlet, over which it asks from elsewhere.
+    /// By the outlet through which a remote caller asks.
     Outlet,
 }
 

@@ -406,8 +406,8 @@ async fn open_and_serve(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure
         is_trusted: matches!(wanted.tls, Some(CertificateSource::Files { .. }))
             && !wanted.listen.ip().is_loopback(),
     });
-    let from_elsewhere = routes::handlers(site.clone(), Audience::Remote);
-    northbound.serve_api(from_elsewhere, stopped.clone());
+    let for_remote = routes::handlers(site.clone(), Audience::Remote);
+    northbound.serve_api(for_remote, stopped.clone());
     let over_tcp = routes::router(site.clone(), Some(front));
     let mut listening = vec![tokio::spawn(listen::tcp(
         tcp,

@@ -1,8 +1,8 @@
-//! The API for those who ask from elsewhere over an outlet. They read what a viewer may read;
-//! nothing can be switched, changed or followed that way.
+//! The API for remote callers, whose requests arrive through an outlet. They have the rights of a
+//! viewer: nothing can be written, and streams are not available.
 //!
-//! Outlets run on threads of their own and reach nothing of the daemon. They hand requests over to
-//! it, which answers them with the same handlers as everybody's.
+//! Outlets run on threads of their own, without access to the daemon. They pass requests to it, and
+//! it answers them with the handlers of the API.
 
 use super::access::{Caller, Known, Role};
 use super::answer;
@@ -15,11 +15,12 @@ use axum::http::{Request, Response};
 use hyper::service::Service as _;
 use hyper_util::service::TowerToHyperService;
 use railbus_api::problem::{Problem, codes};
+use railbus_words::width::is_shown;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc, oneshot, watch};
 
-/// How many requests are under way at a time; others are refused.
+/// The most pending requests; more are refused.
 const REQUESTS_MAX: usize = 8;
 /// The longest body of an answer, in bytes. What else a site has to say waits for it: over 100
 /// kbit/s 20 s, and after 30 s without a sign a connection is taken for dead.
@@ -36,7 +37,7 @@ pub(crate) struct RemoteRequest {
     pub(crate) method: String,
     /// The path with its query: `/api/v1/points?select=oven`.
     pub(crate) path: String,
-    /// Who asks there.
+    /// The name of the caller at the other end of the outlet.
     pub(crate) user: String,
     /// As in `Accept-Language`; empty for errors without texts.
     pub(crate) language: String,
@@ -45,7 +46,7 @@ pub(crate) struct RemoteRequest {
 /// The response to it.
 #[cfg_attr(
     not(any(test, feature = "fleet")),
-    expect(dead_code, reason = "nothing else asks from elsewhere")
+    expect(dead_code, reason = "no other outlet has remote callers")
 )]
 #[derive(Debug)]
 pub(crate) struct RemoteAnswer {
@@ -56,7 +57,7 @@ pub(crate) struct RemoteAnswer {
     pub(crate) body: Bytes,
     /// How long it took from when it was asked.
     pub(crate) took: Duration,
-    /// One of those that may be under way, until it is sent.
+    /// Held until it is sent.
     pub(crate) permit: OwnedSemaphorePermit,
 }
 
@@ -88,24 +89,36 @@ pub(crate) fn remote_api() -> (RemoteApi, RemoteCalls) {
 }
 
 impl RemoteApi {
+    /// A permit for one request. It is returned with the answer, and is to be held until that is
+    /// sent.
+    ///
+    /// # Errors
+    /// [`codes::OVERLOADED`] if [`REQUESTS_MAX`] requests are pending.
+    #[cfg_attr(
+        not(any(test, feature = "fleet")),
+        expect(dead_code, reason = "no other outlet has remote callers")
+    )]
+    pub(crate) fn permit(&self) -> Result<OwnedSemaphorePermit, Problem> {
+        let permit = Arc::clone(&self.permits).try_acquire_owned();
+        permit.map_err(|_| {
+            Problem::new(codes::OVERLOADED).with("reason", "too many requests at a time")
+        })
+    }
+
     /// Asks the API, through the outlet of this name.
     ///
     /// # Errors
-    /// [`codes::OVERLOADED`] if too many requests are under way, [`codes::DAEMON`] if the daemon is
-    /// stopping. Whatever the API says of the request is an answer.
+    /// [`codes::DAEMON`] if the daemon is stopping. An error of the API itself is an answer.
     #[cfg_attr(
         not(any(test, feature = "fleet")),
-        expect(dead_code, reason = "nothing else asks from elsewhere")
+        expect(dead_code, reason = "no other outlet has remote callers")
     )]
     pub(crate) async fn ask(
         &self,
         outlet: &str,
         request: RemoteRequest,
+        permit: OwnedSemaphorePermit,
     ) -> Result<RemoteAnswer, Problem> {
-        let permit = Arc::clone(&self.permits).try_acquire_owned();
-        let permit = permit.map_err(|_| {
-            Problem::new(codes::OVERLOADED).with("reason", "too many requests at a time")
-        })?;
         let (to, answered) = oneshot::channel();
         let call = RemoteCall {
             request,
@@ -139,7 +152,7 @@ impl RemoteCalls {
 }
 
 async fn answered(handlers: Router, call: RemoteCall) {
-    let user = call.request.user.chars().filter(|c| !c.is_control());
+    let user = call.request.user.chars().filter(|letter| is_shown(*letter));
     let user: String = user.take(USER_MAX).collect();
     let caller = Caller {
         // Not to be taken for one of the daemon's own users and tokens.
@@ -168,7 +181,7 @@ async fn answered(handlers: Router, call: RemoteCall) {
             .await
             .unwrap_or_default(),
     };
-    // Fails if nobody waits for it any more.
+    // Fails if the caller is gone.
     let _ = call.to.send(RemoteAnswer {
         status,
         content_type,
@@ -219,7 +232,7 @@ fn none(reason: String) -> Problem {
     Problem::new(codes::SITE_AWAY).with("reason", reason)
 }
 
-/// Not for those who ask from elsewhere.
+/// Not available to remote callers.
 pub(super) fn not_remote(reason: &str) -> Problem {
     Problem::new(codes::NOT_REMOTE).with("reason", reason)
 }
@@ -247,6 +260,10 @@ mod tests {
         problem.code
     }
 
+    async fn ask(api: &RemoteApi, request: RemoteRequest) -> Result<RemoteAnswer, Problem> {
+        api.ask("hq", request, api.permit()?).await
+    }
+
     fn serving(handlers: Router) -> (RemoteApi, watch::Sender<bool>) {
         let (api, calls) = remote_api();
         let (stop, stopped) = watch::channel(false);
@@ -262,7 +279,7 @@ mod tests {
             user: "x\u{1b}".repeat(1_000),
             ..request("/api/v1/who?x=y")
         };
-        let answer = api.ask("hq", long).await.unwrap();
+        let answer = ask(&api, long).await.unwrap();
         let caller = Caller {
             name: format!("outlet:hq:{}", "x".repeat(USER_MAX)),
             id: "outlet:hq".to_owned(),
@@ -287,7 +304,7 @@ mod tests {
                 method: method.to_owned(),
                 ..request("/api/v1/points")
             };
-            let answer = api.ask("hq", asked).await.unwrap();
+            let answer = ask(&api, asked).await.unwrap();
             assert_eq!(code(&answer), "E0937", "{method}");
         }
         for path in [
@@ -298,10 +315,10 @@ mod tests {
             "/metrics",
             "http://x/api/v1/y",
         ] {
-            let answer = api.ask("hq", request(path)).await.unwrap();
+            let answer = ask(&api, request(path)).await.unwrap();
             assert_eq!(code(&answer), "E0110", "{path}");
         }
-        let answer = api.ask("hq", request("/api/v1/\u{0}")).await.unwrap();
+        let answer = ask(&api, request("/api/v1/\u{0}")).await.unwrap();
         assert_eq!(code(&answer), "E0806");
         assert_eq!(reached.load(Ordering::Relaxed), 0);
     }
@@ -313,24 +330,24 @@ mod tests {
             .route("/api/v1/fits", long(BODY_MAX))
             .route("/api/v1/not", long(BODY_MAX + 1));
         let (api, _stop) = serving(handlers);
-        let fits = api.ask("hq", request("/api/v1/fits")).await.unwrap();
+        let fits = ask(&api, request("/api/v1/fits")).await.unwrap();
         assert_eq!((fits.status, fits.body.len()), (200, BODY_MAX));
-        let long = api.ask("hq", request("/api/v1/not")).await.unwrap();
+        let long = ask(&api, request("/api/v1/not")).await.unwrap();
         assert_eq!(code(&long), "E0168");
     }
 
     /// The time runs by itself where all wait.
     #[tokio::test(start_paused = true)]
     async fn so_many_are_under_way_and_none_for_ever() {
-        let never = get(std::future::pending::<()>);
-        let (api, _stop) = serving(Router::new().route("/api/v1/never", never));
-        let ask = || {
+        let pending = get(std::future::pending::<()>);
+        let (api, _stop) = serving(Router::new().route("/api/v1/never", pending));
+        let never = || {
             let api = api.clone();
-            tokio::spawn(async move { api.ask("hq", request("/api/v1/never")).await })
+            tokio::spawn(async move { ask(&api, request("/api/v1/never")).await })
         };
-        let under_way: Vec<_> = (0..REQUESTS_MAX).map(|_| ask()).collect();
+        let under_way: Vec<_> = (0..REQUESTS_MAX).map(|_| never()).collect();
         tokio::time::sleep(ANSWER_MAX / 2).await;
-        assert_eq!(ask().await.unwrap().unwrap_err().code, "E0105");
+        assert_eq!(never().await.unwrap().unwrap_err().code, "E0105");
         let mut sent = Vec::new();
         for asked in under_way {
             let answer = asked.await.unwrap().unwrap();
@@ -338,15 +355,15 @@ mod tests {
             sent.push(answer);
         }
         // Until they are sent.
-        assert_eq!(ask().await.unwrap().unwrap_err().code, "E0105");
+        assert_eq!(never().await.unwrap().unwrap_err().code, "E0105");
         drop(sent);
-        // Whose caller is gone is under way all the same.
-        let left = ask();
+        // A request goes on when its caller is gone, and keeps its permit.
+        let left = never();
         tokio::time::sleep(ANSWER_MAX / 2).await;
         left.abort();
-        let others: Vec<_> = (1..REQUESTS_MAX).map(|_| ask()).collect();
+        let others: Vec<_> = (1..REQUESTS_MAX).map(|_| never()).collect();
         tokio::time::sleep(Duration::from_secs(1)).await;
-        assert_eq!(ask().await.unwrap().unwrap_err().code, "E0105");
+        assert_eq!(never().await.unwrap().unwrap_err().code, "E0105");
         for asked in others {
             assert_eq!(code(&asked.await.unwrap().unwrap()), "E0168");
         }
@@ -356,7 +373,7 @@ mod tests {
     async fn nothing_waits_for_a_daemon_that_stops() {
         let (api, stop) = serving(Router::new());
         stop.send(true).unwrap();
-        let answer = api.ask("hq", request("/api/v1/points")).await;
+        let answer = ask(&api, request("/api/v1/points")).await;
         assert_eq!(answer.unwrap_err().code, Problem::new(codes::DAEMON).code);
     }
 }

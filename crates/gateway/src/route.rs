@@ -71,7 +71,7 @@ impl Route {
         }
     }
 
-    /// Whether it can be asked from elsewhere, over an outlet: it reads, and ends.
+    /// Whether remote callers can use it: it only reads, is no stream and has no secret.
     pub(super) fn is_remote(&self) -> bool {
         self.method == "GET" && !self.is_stream && !self.is_secret
     }

@@ -94,9 +94,9 @@ pub(super) fn router(site: Site, front: Option<Arc<Front>>) -> Router {
 pub(super) enum Audience {
     /// The daemon's own user, over its socket.
     Owner,
-    /// Whoever comes over TCP.
+    /// Clients over TCP.
     Network,
-    /// Whoever asks from elsewhere, over an outlet.
+    /// Remote callers, through an outlet.
     Remote,
 }
 
@@ -108,7 +108,7 @@ pub(super) fn handlers(site: Site, audience: Audience) -> Router {
     let add = |router: Router<Site>, route: &Route| {
         let handler = match (audience, route.method == "GET" && !route.is_secret) {
             (Audience::Remote, _) if route.method != "GET" => return router,
-            (Audience::Remote, _) if !route.is_remote() => get(not_so_from_elsewhere),
+            (Audience::Remote, _) if !route.is_remote() => get(not_remote),
             (_, true) => (route.handler)().layer(from_fn(compress::answer)),
             (_, false) => (route.handler)(),
         };
@@ -136,7 +136,7 @@ async fn not_so() -> Answer {
     answer::problem(&problem.with("reason", "not with this method"))
 }
 
-async fn not_so_from_elsewhere() -> Answer {
+async fn not_remote() -> Answer {
     answer::problem(&remote_api::not_remote("a stream, or a secret"))
 }
 

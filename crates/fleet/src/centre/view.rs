@@ -34,8 +34,7 @@ pub struct SiteView<'c> {
     /// How far its clock is ahead of the centre's, in milliseconds, not corrected for the latency
     /// of a message; none unless online.
     pub clock_ahead_ms: Option<i64>,
-    /// Its present session, for what it is asked; empty if it never had one. Nobody listens there
-    /// while it is away.
+    /// Its present session, part of the subject of requests to it; empty if it never had one.
     pub session: &'c str,
     /// Its version of railbus.
     pub version: &'c str,

@@ -12,13 +12,12 @@ use axum::http::{Method, Response, StatusCode};
 use prost::Message as _;
 use railbus_api::fleet::TRANSIT_HEADER;
 use railbus_api::problem::{Problem, codes};
+use railbus_fleet::API_ANSWER_MAX;
 use railbus_fleet::message::{ApiAnswer, ApiRequest};
 use railbus_words::width::is_shown;
 use std::time::Duration;
 use tokio::sync::watch;
 
-/// How long a site may take: its own limit, and the way.
-const ANSWER_MAX: Duration = Duration::from_secs(25);
 /// After a site has connected, servers know only after a moment that it listens.
 const INTEREST: Duration = Duration::from_secs(1);
 /// How long to wait before asking again meanwhile.
@@ -74,7 +73,7 @@ pub(super) async fn ask(
         let sent = since_boot();
         let asked = Request::new()
             .payload(payload.clone().into())
-            .timeout(Some(ANSWER_MAX));
+            .timeout(Some(API_ANSWER_MAX));
         let answer = tokio::select! {
             answer = way.client.send_request(way.subject, asked) => answer,
             _ = way.is_up.wait_for(|is_up| !is_up) => {
@@ -90,7 +89,10 @@ pub(super) async fn ask(
                 tokio::time::sleep(INTEREST_STEP).await;
             }
             Err(error) if error.kind() == RequestErrorKind::TimedOut => {
-                return Err(none(format!("nothing within {} s", ANSWER_MAX.as_secs())));
+                return Err(none(format!(
+                    "nothing within {} s",
+                    API_ANSWER_MAX.as_secs()
+                )));
             }
             Err(error) => return Err(none(error.to_string())),
         }

@@ -50,10 +50,10 @@ pub(crate) struct Outlet {
         expect(dead_code, reason = "clients of the other kinds do not sign in")
     )]
     pub(super) accounts: Arc<Gate>,
-    /// The API of the daemon, for those who ask over this outlet.
+    /// The API of the daemon, for remote callers.
     #[cfg_attr(
         not(feature = "fleet"),
-        expect(dead_code, reason = "over the other kinds nobody asks it")
+        expect(dead_code, reason = "the other kinds have no remote callers")
     )]
     pub(super) api: RemoteApi,
     /// The folder of what is kept.

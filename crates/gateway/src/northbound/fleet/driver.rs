@@ -16,7 +16,7 @@ use railbus_fleet::uplink::{
     NoResend, OutboxHead, READ_MAX, SiteIdentity, UpMessage, Uplink, UplinkFault, UplinkInput,
     UplinkOutput,
 };
-use railbus_fleet::{KEY_ENDS_SOON_S, SiteClaims};
+use railbus_fleet::{API_ANSWER_MAX, KEY_ENDS_SOON_S, SiteClaims};
 use railbus_store::durable;
 use railbus_store::history::millis;
 use std::io::ErrorKind;
@@ -34,12 +34,8 @@ const LINGER: Duration = Duration::from_secs(1);
 const CLOSE_MAX: Duration = Duration::from_secs(2);
 /// How often it is looked whether a disk still hangs.
 const LOOK: Duration = Duration::from_secs(1);
-/// How many answers of the API are under way, with refusals; and from which length on, in bytes,
-/// only one of them is sent at a time.
-const ANSWERS_MAX: usize = 16;
+/// Of answers longer than this, in bytes, one is sent at a time.
 const LONG: usize = 32 << 10;
-/// So long the centre waits for an answer.
-const ANSWERED_WITHIN: Duration = Duration::from_secs(25);
 /// Every installation has its own number.
 const INSTALLATION_LEN: usize = 16;
 
@@ -65,8 +61,7 @@ struct Driver {
     /// What is known of the connection.
     link: LinkState,
     began: Instant,
-    /// Answers of the API that may be under way, and the long one of them.
-    answers: Arc<Semaphore>,
+    /// Held while a long answer of the API is sent.
     long_answers: Arc<Semaphore>,
     outlet: Outlet,
 }
@@ -111,7 +106,6 @@ pub(super) async fn run(outlet: Outlet) -> Result<(), Problem> {
         failures: 0,
         link: LinkState::default(),
         began: Instant::now(),
-        answers: Arc::new(Semaphore::new(ANSWERS_MAX)),
         long_answers: Arc::new(Semaphore::new(1)),
         outlet,
     };
@@ -302,10 +296,13 @@ impl Driver {
                 self.handle(UplinkInput::Ended(&session));
                 Vec::new()
             }
-            Some("api") => {
-                self.ask_api(connection, asked);
-                return;
-            }
+            Some("api") => match self.outlet.api.permit() {
+                Ok(permit) => {
+                    self.ask_api(connection, asked, permit);
+                    return;
+                }
+                Err(problem) => refused(&problem).encode_to_vec(),
+            },
             Some("resend") => self.resend(&asked.payload).encode_to_vec(),
             Some("state") => {
                 self.uplink.send_state();
@@ -320,33 +317,30 @@ impl Driver {
         }
     }
 
-    /// Asks the API of this site, and answers once it has; meanwhile all else goes on.
-    fn ask_api(&self, connection: &Connection, asked: Message) {
+    /// Asks the API of this site and sends its answer, beside everything else. The permit is held
+    /// until the answer is sent, so their number is limited.
+    fn ask_api(&self, connection: &Connection, asked: Message, permit: OwnedSemaphorePermit) {
         let Some(reply) = asked.reply else {
-            return;
-        };
-        // Who gets no answer asks again.
-        let Ok(place) = Arc::clone(&self.answers).try_acquire_owned() else {
             return;
         };
         let (api, client) = (self.outlet.api.clone(), connection.client.clone());
         let (name, long) = (self.outlet.name.clone(), Arc::clone(&self.long_answers));
         tokio::spawn(async move {
             let begun = Instant::now();
-            let answer = api_answer(&api, &name, &asked.payload).await;
-            let payload = answer.wire.encode_to_vec();
+            let (answer, permit) = api_answer(&api, &name, &asked.payload, permit).await;
+            let payload = answer.encode_to_vec();
             // One long answer at a time: heartbeats wait for what is being sent.
             let turn = match payload.len() > LONG {
                 true => long.acquire_owned().await.ok(),
                 false => None,
             };
-            let is_awaited = begun.elapsed() < ANSWERED_WITHIN;
+            let is_awaited = begun.elapsed() < API_ANSWER_MAX;
             if is_awaited && client.connection_state() == State::Connected {
-                // Both fail where the connection has ended.
+                // Both fail if the connection has ended.
                 let _ = client.publish(reply, payload.into()).await;
                 let _ = client.flush().await;
             }
-            drop((turn, answer, place));
+            drop((turn, permit));
         });
     }
 
@@ -485,25 +479,22 @@ fn refusal(problem: &Problem) -> FleetRefusal {
     }
 }
 
-/// An answer of the API, which is under way until this is dropped.
-struct AnswerUnderWay {
-    wire: ApiAnswer,
-    _permit: Option<OwnedSemaphorePermit>,
-}
-
-/// What the API of this site answers.
-async fn api_answer(api: &RemoteApi, outlet: &str, asked: &[u8]) -> AnswerUnderWay {
-    let refused = |problem: &Problem| AnswerUnderWay {
-        wire: ApiAnswer {
-            refusal: Some(refusal(problem)),
-            ..ApiAnswer::default()
-        },
-        _permit: None,
+/// The answer of the API of this site, and the permit if it is still needed.
+async fn api_answer(
+    api: &RemoteApi,
+    outlet: &str,
+    asked: &[u8],
+    permit: OwnedSemaphorePermit,
+) -> (ApiAnswer, Option<OwnedSemaphorePermit>) {
+    let refused = |problem: &Problem| ApiAnswer {
+        refusal: Some(refusal(problem)),
+        ..ApiAnswer::default()
     };
     let asked = match ApiRequest::decode(asked) {
         Ok(asked) => asked,
         Err(why) => {
-            return refused(&Problem::new(codes::BAD_REQUEST).with("reason", why.to_string()));
+            let problem = Problem::new(codes::BAD_REQUEST).with("reason", why.to_string());
+            return (refused(&problem), Some(permit));
         }
     };
     let request = RemoteRequest {
@@ -512,18 +503,19 @@ async fn api_answer(api: &RemoteApi, outlet: &str, asked: &[u8]) -> AnswerUnderW
         user: asked.user,
         language: asked.language,
     };
-    match api.ask(outlet, request).await {
-        Ok(answer) => AnswerUnderWay {
-            wire: ApiAnswer {
+    match api.ask(outlet, request, permit).await {
+        Ok(answer) => {
+            let wire = ApiAnswer {
                 refusal: None,
                 status: answer.status.into(),
                 content_type: answer.content_type,
                 body: answer.body.into(),
                 took_ms: u64::try_from(answer.took.as_millis()).unwrap_or(u64::MAX),
-            },
-            _permit: Some(answer.permit),
-        },
-        Err(problem) => refused(&problem),
+            };
+            (wire, Some(answer.permit))
+        }
+        // The daemon is stopping.
+        Err(problem) => (refused(&problem), None),
     }
 }
 
