@@ -16,6 +16,7 @@ import time
 
 import api_metrics
 import rig
+from judge.daemon import build
 
 # The same for every run.
 SEED = "20261122"
@@ -264,8 +265,7 @@ def good(daemon):
 def main():
     """Runs everything; returns the exit code."""
     began = time.monotonic()
-    command = [os.environ.get("CARGO", "cargo"), "build", "--quiet", "--package", "railbus"]
-    subprocess.run([*command, "--target-dir", str(rig.target())], check=True, cwd=rig.ROOT)
+    build()
     failures = [*as_nobody(), *as_admin()]
     for failure in failures:
         print(f"FAILED {failure}")

@@ -16,6 +16,7 @@ import traceback
 
 import rig
 import tables
+from judge import daemon
 
 # What must be installed: how to check, and the command that installs it.
 PYTHON = ("pymodbus", "serial", "asyncua", "yaml", "nats", "nkeys", "grpc_tools")
@@ -77,8 +78,7 @@ def build():
     of_rig = ["--manifest-path", str(rig.ROOT / "interop/rig/Cargo.toml")]
     of_rig += ["--target-dir", str(rig.target() / "interop-rig")]
     subprocess.run(command + of_rig, check=True)
-    of_program = ["--package", "railbus", "--target-dir", str(rig.target())]
-    subprocess.run(command + of_program, check=True, cwd=rig.ROOT)
+    daemon.build()
 
 
 def suites(words):

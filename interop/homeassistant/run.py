@@ -516,10 +516,15 @@ def judged(version, who, discovery, cases):
     return tally
 
 
-def main():
-    """Runs everything; returns the exit code."""
-    daemon.build()
+def main(words):
+    """Runs everything, or with `--install` only makes sure that both are installed; returns the
+    exit code."""
     install.clear()
+    if words == ["--install"]:
+        with concurrent.futures.ThreadPoolExecutor() as pool:
+            list(pool.map(install.root, install.SUITES))
+        return 0
+    daemon.build()
     # At the same time: they mostly wait, and one is installed while the other runs.
     with concurrent.futures.ThreadPoolExecutor() as pool:
         running = [pool.submit(judged, "2026.2.3", "a new one", "device", new),
@@ -539,4 +544,4 @@ def main():
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))

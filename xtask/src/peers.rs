@@ -106,16 +106,17 @@ pub(crate) fn python(root: &Path) -> PathBuf {
     PEERS.python(root)
 }
 
-/// Makes sure that every peer is there; installs what is missing if that needs no interaction.
-pub(crate) fn install(root: &Path) -> Result<()> {
-    debian(root)?;
+/// Makes sure that everything is there that is no package of Debian.
+pub(crate) fn packages(root: &Path) -> Result<()> {
     python_packages(root, &PEERS)?;
     python_packages(root, &SPARKPLUG)?;
     NODE.iter()
         .try_for_each(|folder| web::packages(root, folder))
 }
 
-fn debian(root: &Path) -> Result<()> {
+/// Makes sure that all packages of Debian are there; installs what is missing if that needs no
+/// interaction.
+pub(crate) fn debian(root: &Path) -> Result<()> {
     let wanted: Vec<&str> = DEBIAN
         .iter()
         .filter(|group| (group.needed)(root))
@@ -123,7 +124,7 @@ fn debian(root: &Path) -> Result<()> {
         .collect();
     let missing = missing_packages(root, &wanted)?;
     if missing.is_empty() {
-        println!("Debian packages: all {} there", wanted.len());
+        run::say(&format!("Debian packages: all {} there", wanted.len()));
         return Ok(());
     }
     let by_hand = format!(
@@ -138,7 +139,9 @@ fn debian(root: &Path) -> Result<()> {
     };
     // Outdated lists may suffice: only the installation itself may fail the step.
     if let Err(error) = apt(root, &prefix, &["update"]) {
-        println!("note: {error}; going on with the package lists that are here");
+        run::say(&format!(
+            "note: {error}; going on with the package lists that are here"
+        ));
     }
     let mut install = vec!["install", "--yes", "--no-install-recommends"];
     install.extend(missing);
@@ -197,10 +200,8 @@ fn is_installed(listed: &str, name: &str) -> bool {
 fn python_packages(root: &Path, venv: &Venv) -> Result<()> {
     if let Some(versions) = python_versions(root, venv).filter(|versions| complete(venv, versions))
     {
-        println!(
-            "Python packages: {}",
-            versions.split_whitespace().collect::<Vec<_>>().join(" ")
-        );
+        let versions: Vec<_> = versions.split_whitespace().collect();
+        run::say(&format!("Python packages: {}", versions.join(" ")));
         return Ok(());
     }
     let made = ["-m", "venv", "--clear", venv.folder];

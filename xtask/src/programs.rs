@@ -67,7 +67,22 @@ const DEMO: Program = Program {
     defaults: &["serve", "--demo"],
 };
 
+/// Builds railbus itself for the tests. One of its tests is built with it, so that cargo chooses
+/// the features that it chose for all tests: without, it builds half of everything a second time.
+/// `interop/` has the same words.
+pub(crate) fn railbus(root: &Path) -> Result<()> {
+    let args = ["build", "--workspace", "--bin=railbus", "--test=packaging"];
+    run::run(&mut run::cargo(root, &args))
+}
+
 impl Program {
+    /// Builds it and does not run it.
+    pub(crate) fn build(&self, root: &Path) -> Result<()> {
+        let words = self.cargo.iter().filter(|&&word| word != "--");
+        let words = words.map(|&word| if word == "run" { "build" } else { word });
+        run::run(run::cargo(root, &[]).args(words))
+    }
+
     /// Why the program can't run; none if it can.
     pub(crate) fn missing(&self, root: &Path) -> Option<String> {
         let there = |source: &&str| root.join(source).is_file();

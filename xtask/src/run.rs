@@ -1,5 +1,6 @@
 //! Starts other programs, and reports clearly when that fails.
 
+use std::cell::Cell;
 use std::fmt;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
@@ -69,6 +70,30 @@ pub(crate) fn cargo(root: &Path, args: &[&str]) -> Command {
     command
 }
 
+thread_local! {
+    /// The step that this thread runs in the background.
+    static LEAD: Cell<Option<&'static str>> = const { Cell::new(None) };
+}
+
+/// Whatever this thread prints from now on is led by this name: others print at the same time.
+pub(crate) fn lead_with(name: &'static str) {
+    LEAD.set(Some(name));
+}
+
+/// Prints lines.
+pub(crate) fn say(text: &str) {
+    print(LEAD.get(), text);
+}
+
+fn print(lead: Option<&str>, text: &str) {
+    for line in text.lines() {
+        match lead {
+            Some(name) => println!("[{name}] {line}"),
+            None => println!("{line}"),
+        }
+    }
+}
+
 /// Runs a program to its end and prints what it says. It gets no standard input, so that nothing
 /// can wait for an answer on a machine without a keyboard. A failure repeats the lines that tell of
 /// it: the output of a whole run is longer than what is kept of it in some places.
@@ -79,7 +104,8 @@ pub(crate) fn run(command: &mut Command) -> Result<()> {
 /// The same; what it said last may take so long to come through the pipe once it has ended.
 fn run_drained(command: &mut Command, within: Duration) -> Result<()> {
     let line = spell(command);
-    println!("$ {line}");
+    say(&format!("$ {line}"));
+    let lead = LEAD.get();
     let not_started = |error: std::io::Error| cannot_start(&line, &error);
     let (output, input) = std::io::pipe().map_err(not_started)?;
     let both = input.try_clone().map_err(not_started)?;
@@ -93,7 +119,9 @@ fn run_drained(command: &mut Command, within: Duration) -> Result<()> {
     let mut child = started.map_err(not_started)?;
     let (found, failures) = mpsc::channel();
     // The sender is dropped at the end of the output.
-    thread::spawn(move || print_and_find(BufReader::new(output), |failure| found.send(failure)));
+    thread::spawn(move || {
+        print_and_find(lead, BufReader::new(output), |failure| found.send(failure));
+    });
     let status = child.wait().map_err(not_started)?;
     let mut told = Vec::new();
     let drained = Instant::now() + within;
@@ -137,6 +165,7 @@ const REPEATED_CHARACTERS: usize = 300;
 /// Prints all lines, and hands over those that tell of a failure: of a suite, a browser's test, a
 /// test, a compiler.
 fn print_and_find<E>(
+    lead: Option<&str>,
     mut output: impl BufRead,
     mut found: impl FnMut(String) -> std::result::Result<(), E>,
 ) {
@@ -146,7 +175,7 @@ fn print_and_find<E>(
         .is_ok_and(|read| read > 0)
     {
         let line = String::from_utf8_lossy(&bytes);
-        print!("{line}");
+        print(lead, &line);
         let line = line.trim();
         let tells = ["FAILED ", "not ok ", "FAIL [", "error: ", "error["];
         if count < REPEATED_MAX && tells.iter().any(|word| line.starts_with(word)) {

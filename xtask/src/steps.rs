@@ -1,8 +1,12 @@
-//! A list of steps, run to its end whatever fails, and a table of the results.
+//! A list of steps, run to its end whatever fails, some in the background, and a table of the
+//! results.
 
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{self, Receiver, Sender};
+use std::thread;
 use std::time::{Duration, Instant};
 
-use crate::run::Result;
+use crate::run::{self, Result};
 
 /// The result of a step.
 #[derive(Clone, Debug, PartialEq)]
@@ -14,27 +18,98 @@ pub(crate) enum End {
     Skipped(String),
 }
 
-/// The results of all steps, in order.
+/// The result of a step: its name, how it ended, and how long it took.
+type Row = (&'static str, End, Duration);
+
+/// The results of all steps, in the order in which they ended.
 #[derive(Debug, Default)]
 pub(crate) struct Summary {
-    rows: Vec<(&'static str, End, Duration)>,
+    rows: Vec<Row>,
+}
+
+/// Runs a step under a header.
+fn timed(name: &'static str, step: impl FnOnce() -> Result<()>) -> Row {
+    run::say(&format!("\n=== {name} ==="));
+    let start = Instant::now();
+    let end = match step() {
+        Ok(()) => End::Passed,
+        Err(error) => {
+            run::say(&format!("{name}: {error}"));
+            End::Failed(error.to_string())
+        }
+    };
+    let took = start.elapsed();
+    run::say(&format!("--- {name}: {}, {}", end.word(), seconds(took)));
+    (name, end, took)
+}
+
+/// Runs steps one after the other, beside those in the foreground. Each line of theirs is led by
+/// their name.
+pub(crate) struct Background {
+    jobs: Sender<Job>,
+    rows: Receiver<Row>,
+    running: usize,
+}
+
+struct Job {
+    name: &'static str,
+    root: PathBuf,
+    step: fn(&Path) -> Result<()>,
+}
+
+impl Background {
+    pub(crate) fn start() -> Self {
+        let (jobs, waiting) = mpsc::channel::<Job>();
+        let (ended, rows) = mpsc::channel();
+        thread::spawn(move || {
+            for Job { name, root, step } in waiting {
+                run::lead_with(name);
+                // Fails when the run is over.
+                let _ = ended.send(timed(name, || step(&root)));
+            }
+        });
+        Self {
+            jobs,
+            rows,
+            running: 0,
+        }
+    }
+
+    /// Runs a step when those before it in the background have ended.
+    pub(crate) fn run(&mut self, name: &'static str, root: &Path, step: fn(&Path) -> Result<()>) {
+        let root = root.to_path_buf();
+        let sent = self.jobs.send(Job { name, root, step });
+        // It fails if a step has panicked; the next wait tells.
+        self.running += usize::from(sent.is_ok());
+    }
+
+    /// Waits until nothing runs in the background any more.
+    pub(crate) fn wait(&mut self, summary: &mut Summary) {
+        while self.running > 0 {
+            let Ok(row) = self.rows.recv() else {
+                let why = String::from("a step has panicked; what it said is above");
+                summary
+                    .rows
+                    .push(("background", End::Failed(why), Duration::ZERO));
+                break;
+            };
+            summary.rows.push(row);
+            self.running -= 1;
+        }
+        self.running = 0;
+    }
 }
 
 impl Summary {
     /// Runs one step under a header and records its result and duration.
     pub(crate) fn run(&mut self, name: &'static str, step: impl FnOnce() -> Result<()>) {
-        println!("\n=== {name} ===");
-        let start = Instant::now();
-        let end = match step() {
-            Ok(()) => End::Passed,
-            Err(error) => {
-                println!("{name}: {error}");
-                End::Failed(error.to_string())
-            }
-        };
-        let took = start.elapsed();
-        println!("--- {name}: {}, {}", end.word(), seconds(took));
-        self.rows.push((name, end, took));
+        self.rows.push(timed(name, step));
+    }
+
+    /// Whether a step was run and has passed.
+    pub(crate) fn has_passed(&self, name: &str) -> bool {
+        let mut rows = self.rows.iter();
+        rows.any(|row| row.0 == name && row.1 == End::Passed)
     }
 
     /// Records a step that is not run.
@@ -95,6 +170,21 @@ fn seconds(time: Duration) -> String {
 mod tests {
     use super::*;
     use crate::run::Error;
+
+    #[test]
+    fn a_step_in_the_background_that_fails_or_panics_fails_the_run() {
+        for step in [
+            |_: &Path| panic!("on purpose"),
+            |_: &Path| Err(Error::OnScreen),
+        ] {
+            let (mut background, mut summary) = (Background::start(), Summary::default());
+            background.run("first", Path::new("."), step);
+            background.wait(&mut summary);
+            background.run("second", Path::new("."), |_| Ok(()));
+            background.wait(&mut summary);
+            assert!(!summary.passed(), "{}", summary.table());
+        }
+    }
 
     #[test]
     fn a_failure_does_not_stop_the_run_and_is_counted() {

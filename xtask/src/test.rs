@@ -4,7 +4,7 @@ use std::path::Path;
 
 use crate::programs::{self, BENCH, FUZZ, JUDGE, Program, SOAK};
 use crate::run::{self, Error, Result, cargo};
-use crate::steps::Summary;
+use crate::steps::{Background, Summary};
 use crate::{firmware, peers, tidy, web};
 
 /// One step of the run.
@@ -12,43 +12,73 @@ struct Step {
     name: &'static str,
     /// It says nothing useful on a machine without the third-party peers.
     needs_peers: bool,
+    place: Place,
     /// Why the step does not apply to this checkout or machine; none if it does.
     skip: fn(&Path) -> Option<String>,
     run: fn(&Path) -> Result<()>,
 }
 
-const FMT: Step = Step {
-    name: "fmt",
-    needs_peers: false,
-    skip: always,
-    run: fmt,
-};
+/// What else runs while a step does.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Place {
+    /// The steps in the background.
+    Foreground,
+    /// The steps in the foreground that follow it: no clock judges it, and most of those wait more
+    /// than they compute.
+    Background,
+    /// Nothing: a clock judges it that would see what runs beside.
+    Alone,
+}
 
-const TIDY: Step = Step {
-    name: "tidy",
-    needs_peers: false,
-    skip: always,
-    run: |root| tidy::run(root, &[]),
-};
+/// A step in the foreground that needs nothing.
+const fn step(name: &'static str, run: fn(&Path) -> Result<()>) -> Step {
+    Step {
+        name,
+        needs_peers: false,
+        place: Place::Foreground,
+        skip: always,
+        run,
+    }
+}
 
-const CLIPPY: Step = Step {
-    name: "clippy",
-    needs_peers: false,
-    skip: always,
-    run: clippy,
-};
+/// A step in the foreground that needs the peers.
+const fn with_peers(name: &'static str, run: fn(&Path) -> Result<()>) -> Step {
+    Step {
+        needs_peers: true,
+        ..step(name, run)
+    }
+}
+
+impl Step {
+    const fn in_background(self) -> Self {
+        Self {
+            place: Place::Background,
+            ..self
+        }
+    }
+
+    const fn alone(self) -> Self {
+        Self {
+            place: Place::Alone,
+            ..self
+        }
+    }
+
+    const fn unless(self, skip: fn(&Path) -> Option<String>) -> Self {
+        Self { skip, ..self }
+    }
+}
+
+const FMT: Step = step("fmt", fmt);
+const TIDY: Step = step("tidy", |root| tidy::run(root, &[]));
+const CLIPPY: Step = step("clippy", clippy);
 
 /// The steps for every save: no port, no process, no page.
 const QUICK: &[Step] = &[
     FMT,
     TIDY,
     CLIPPY,
-    Step {
-        name: "unit tests",
-        needs_peers: false,
-        skip: always,
-        run: |root| nextest(root, &["--lib", "--bins"]),
-    },
+    step("unit tests", |root| nextest(root, &["--lib", "--bins"])),
 ];
 
 /// Cheap and informative first, long ones last.
@@ -56,97 +86,39 @@ const STEPS: &[Step] = &[
     FMT,
     TIDY,
     // Before anything else is built, so that the program has the pages inside.
-    Step {
-        name: "web",
-        needs_peers: false,
-        skip: always,
-        run: web::pages,
-    },
+    step("web", web::pages),
     CLIPPY,
-    Step {
-        name: "deny",
-        needs_peers: false,
-        skip: no_deny,
-        run: deny,
-    },
-    Step {
-        name: "tests",
-        needs_peers: false,
-        skip: always,
-        run: |root| nextest(root, &["--lib", "--bins", "--tests", "--examples"]),
-    },
-    Step {
-        name: "doc tests",
-        needs_peers: false,
-        skip: always,
-        run: |root| run::run(&mut cargo(root, &["test", "--doc", "--workspace"])),
-    },
-    Step {
-        name: "web types",
-        needs_peers: false,
-        skip: always,
-        run: web::check,
-    },
-    Step {
-        name: "browser",
-        needs_peers: true,
-        skip: always,
-        run: web::test,
-    },
-    Step {
-        name: "interop",
-        needs_peers: true,
-        skip: no_interop,
-        run: interop,
-    },
-    Step {
-        name: "api",
-        needs_peers: true,
-        skip: |root| missing(root, API),
-        run: |root| run::run(python(root).arg(API)),
-    },
-    Step {
-        name: "homeassistant",
-        needs_peers: true,
-        skip: no_home_assistant,
-        run: |root| run::run(python(root).arg(HOME_ASSISTANT)),
-    },
-    Step {
-        name: "judge",
-        needs_peers: true,
-        skip: |root| missing(root, JUDGE),
-        run: |root| programs::judge(root, &[]),
-    },
-    Step {
-        name: "soak",
-        needs_peers: false,
-        skip: |root| SOAK.missing(root),
-        run: |root| start(&SOAK, root, &[]),
-    },
-    Step {
-        name: "fuzz",
-        needs_peers: false,
-        skip: |root| FUZZ.missing(root),
-        run: |root| start(&FUZZ, root, &[]),
-    },
-    Step {
-        name: "firmware-check",
-        needs_peers: true,
-        skip: always,
-        run: |root| firmware::check(root, &[]),
-    },
-    Step {
-        name: "firmware",
-        needs_peers: true,
-        skip: always,
-        run: firmware::step,
-    },
-    Step {
-        name: "bench",
-        needs_peers: true,
-        skip: |root| BENCH.missing(root),
-        run: |root| start(&BENCH, root, &["--check"]),
-    },
+    step("deny", deny).unless(no_deny),
+    step("build", |root| nextest(root, &[BUILD, ALL].concat())),
+    step("doc tests", |root| {
+        run::run(&mut cargo(root, &["test", "--doc", "--workspace"]))
+    })
+    .in_background(),
+    step("web types", web::check).in_background(),
+    step("soak", |root| start(&SOAK, root, &[]))
+        .unless(|root| SOAK.missing(root))
+        .in_background(),
+    step("fuzz", |root| start(&FUZZ, root, &[]))
+        .unless(|root| FUZZ.missing(root))
+        .in_background(),
+    with_peers("firmware-check", |root| firmware::check(root, &[])).in_background(),
+    with_peers("images", firmware::images).in_background(),
+    step("bench build", |root| BENCH.build(root))
+        .unless(|root| BENCH.missing(root))
+        .in_background(),
+    step("tests", |root| nextest(root, ALL)),
+    with_peers("browser", web::test),
+    with_peers("interop", interop).unless(no_interop),
+    with_peers("api", |root| run::run(python(root).arg(API))).unless(|root| missing(root, API)),
+    with_peers("homeassistant", |root| {
+        run::run(python(root).arg(HOME_ASSISTANT))
+    })
+    .unless(no_home_assistant),
+    with_peers("judge", |root| programs::judge(root, &[])).unless(|root| missing(root, JUDGE)),
+    with_peers("firmware", firmware::trials).alone(),
+    with_peers("bench", |root| start(&BENCH, root, &["--check"]))
+        .unless(|root| BENCH.missing(root))
+        .alone(),
 ];
 
 /// Whether the third-party peers are installed.
@@ -158,6 +130,12 @@ enum Peers {
     Unwanted,
 }
 
+/// The steps that install them: what Debian has, which other steps need, too, and the rest.
+const DEBIAN: &str = "peers";
+const PACKAGES: Step = step("packages", packages).in_background();
+
+const WITHOUT_PEERS: &str = "--without-peers";
+
 /// How much of it to run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Wanted {
@@ -168,27 +146,83 @@ enum Wanted {
 
 /// Runs every selected step, prints a table, and fails if any step failed.
 pub(crate) fn run(root: &Path, args: &[String]) -> Result<()> {
-    let mut summary = Summary::default();
     let wanted = wanted(args)?;
-    let (steps, peers) = match wanted {
-        Wanted::Quick => (QUICK, Peers::Unwanted),
-        _ => (
-            STEPS,
-            install_peers(root, wanted == Wanted::All, &mut summary),
-        ),
+    let mut plan = Plan {
+        root,
+        peers: match wanted {
+            Wanted::All => None,
+            Wanted::WithoutPeers | Wanted::Quick => Some(Peers::Unwanted),
+        },
+        background: Background::start(),
+        summary: Summary::default(),
     };
-    for step in steps {
-        match (step.skip)(root) {
-            Some(why) => summary.skip(step.name, why),
-            None if !step.needs_peers => summary.run(step.name, || (step.run)(root)),
-            None => run_with_peers(step, root, peers, &mut summary),
+    let steps = match wanted {
+        Wanted::Quick => QUICK,
+        Wanted::WithoutPeers => {
+            plan.summary.skip(DEBIAN, String::from(WITHOUT_PEERS));
+            STEPS
         }
-    }
-    print!("\n{}", summary.table());
-    if summary.passed() {
+        Wanted::All => {
+            plan.summary.run(DEBIAN, || peers::debian(root));
+            plan.background.run(PACKAGES.name, root, PACKAGES.run);
+            STEPS
+        }
+    };
+    steps.iter().for_each(|step| plan.step(step));
+    plan.background.wait(&mut plan.summary);
+    print!("\n{}", plan.summary.table());
+    if plan.summary.passed() {
         Ok(())
     } else {
         Err(Error::OnScreen)
+    }
+}
+
+/// A run that goes on.
+struct Plan<'a> {
+    root: &'a Path,
+    /// Not known while they are being installed.
+    peers: Option<Peers>,
+    background: Background,
+    summary: Summary,
+}
+
+impl Plan<'_> {
+    fn step(&mut self, step: &Step) {
+        if let Some(why) = (step.skip)(self.root) {
+            return self.summary.skip(step.name, why);
+        }
+        if step.needs_peers {
+            match self.peers() {
+                Peers::There => {}
+                Peers::Unwanted => {
+                    return self.summary.skip(step.name, String::from(WITHOUT_PEERS));
+                }
+                Peers::Missing => {
+                    let missing = "the step that installs them says above what to do";
+                    let missing = || Err(Error::new("missing peers", missing));
+                    return self.summary.run(step.name, missing);
+                }
+            }
+        }
+        if step.place == Place::Background {
+            return self.background.run(step.name, self.root, step.run);
+        }
+        if step.place == Place::Alone {
+            self.background.wait(&mut self.summary);
+        }
+        self.summary.run(step.name, || (step.run)(self.root));
+    }
+
+    /// Whether they are there; waits until they are installed.
+    fn peers(&mut self) -> Peers {
+        *self.peers.get_or_insert_with(|| {
+            self.background.wait(&mut self.summary);
+            let there = [DEBIAN, PACKAGES.name]
+                .iter()
+                .all(|name| self.summary.has_passed(name));
+            if there { Peers::There } else { Peers::Missing }
+        })
     }
 }
 
@@ -196,7 +230,7 @@ fn wanted(args: &[String]) -> Result<Wanted> {
     let args: Vec<&str> = args.iter().map(String::as_str).collect();
     match args[..] {
         [] => Ok(Wanted::All),
-        ["--without-peers"] => Ok(Wanted::WithoutPeers),
+        [WITHOUT_PEERS] => Ok(Wanted::WithoutPeers),
         ["--quick"] => Ok(Wanted::Quick),
         _ => Err(Error::new(
             format!("`{}` is not understood", args.join(" ")),
@@ -205,29 +239,14 @@ fn wanted(args: &[String]) -> Result<Wanted> {
     }
 }
 
-fn install_peers(root: &Path, wanted: bool, summary: &mut Summary) -> Peers {
-    if !wanted {
-        summary.skip("peers", String::from("--without-peers"));
-        return Peers::Unwanted;
+/// What does not come from Debian; most of it takes long to come and little to install.
+fn packages(root: &Path) -> Result<()> {
+    let ours = peers::packages(root);
+    if no_home_assistant(root).is_some() {
+        return ours;
     }
-    let mut state = Peers::Missing;
-    summary.run("peers", || {
-        peers::install(root).inspect(|()| state = Peers::There)
-    });
-    state
-}
-
-fn run_with_peers(step: &Step, root: &Path, peers: Peers, summary: &mut Summary) {
-    match peers {
-        Peers::There => summary.run(step.name, || (step.run)(root)),
-        Peers::Unwanted => summary.skip(step.name, String::from("--without-peers")),
-        Peers::Missing => summary.run(step.name, || {
-            Err(Error::new(
-                "missing peers",
-                "the step `peers` above says how to get them",
-            ))
-        }),
-    }
+    let install = || run::run(python(root).args([HOME_ASSISTANT, "--install"]));
+    ours.and_then(|()| install())
 }
 
 fn always(_: &Path) -> Option<String> {
@@ -276,6 +295,10 @@ fn apart(root: &Path) -> impl Iterator<Item = &'static str> {
 /// How many tests run at once on each core: they spend nine tenths of their time waiting for lines
 /// at 9600 baud and for modules that don't answer.
 const TESTS_PER_CORE: usize = 8;
+
+/// All tests, and what makes of running them building them.
+const ALL: &[&str] = &["--lib", "--bins", "--tests", "--examples"];
+const BUILD: &[&str] = &["--no-run"];
 
 /// Nextest runs tests in separate processes and faster; without it plain cargo does.
 fn nextest(root: &Path, targets: &[&str]) -> Result<()> {
@@ -346,25 +369,56 @@ fn interop(root: &Path) -> Result<()> {
 mod tests {
     use super::*;
 
-    const PROBE: Step = Step {
-        name: "probe",
-        needs_peers: true,
-        skip: always,
-        run: |_| panic!("must not run"),
-    };
+    const PROBE: Step = with_peers("probe", |_| panic!("must not run"));
+
+    fn plan(peers: Option<Peers>) -> Plan<'static> {
+        Plan {
+            root: Path::new("."),
+            peers,
+            background: Background::start(),
+            summary: Summary::default(),
+        }
+    }
 
     #[test]
     fn a_step_without_its_peers_fails_and_does_not_run() {
-        let mut summary = Summary::default();
-        run_with_peers(&PROBE, Path::new("."), Peers::Missing, &mut summary);
-        assert!(!summary.passed());
+        let mut plan = plan(Some(Peers::Missing));
+        plan.step(&PROBE);
+        assert!(!plan.summary.passed());
+    }
+
+    #[test]
+    fn a_step_waits_for_its_peers_and_fails_without_them() {
+        for packages in [PACKAGES.name, "another step"] {
+            let mut plan = plan(None);
+            plan.summary.run(DEBIAN, || Ok(()));
+            plan.background.run(packages, Path::new("."), |_| Ok(()));
+            plan.step(&with_peers("probe", |_| Ok(())));
+            let installed = packages == PACKAGES.name;
+            assert_eq!(plan.summary.has_passed("probe"), installed);
+            assert!(plan.summary.has_passed(packages));
+        }
+    }
+
+    #[test]
+    fn nothing_runs_beside_a_step_alone() {
+        let mut plan = plan(Some(Peers::Unwanted));
+        let slow = |_: &Path| {
+            std::thread::sleep(std::time::Duration::from_millis(50));
+            Ok(())
+        };
+        plan.step(&step("slow", slow).in_background());
+        plan.step(&step("alone", |_| Ok(())).alone());
+        let table = plan.summary.table();
+        assert!(table.starts_with("slow"), "{table}");
+        assert!(plan.summary.has_passed("alone"));
     }
 
     #[test]
     fn a_step_is_left_out_only_on_demand() {
-        let mut summary = Summary::default();
-        run_with_peers(&PROBE, Path::new("."), Peers::Unwanted, &mut summary);
-        assert!(summary.passed());
+        let mut plan = plan(Some(Peers::Unwanted));
+        plan.step(&PROBE);
+        assert!(plan.summary.passed());
         assert!(
             wanted(&[String::from("--without-peer")]).is_err(),
             "mistyped"

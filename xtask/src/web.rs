@@ -12,6 +12,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::SystemTime;
 
+use crate::programs;
 use crate::run::{self, Error, Result};
 
 /// The folder of the pages.
@@ -50,10 +51,10 @@ impl Node {
         if let Ok(folder) = package_folder(root) {
             return Ok(Node::Package(folder));
         }
-        println!(
+        run::say(&format!(
             "note: there is no Node {}.{} or newer here",
             OLDEST.0, OLDEST.1
-        );
+        ));
         install(root).map_err(|error| {
             Error::new(
                 format!("Node could not be had as a Python package: {error}"),
@@ -204,7 +205,7 @@ pub(crate) fn build_or_tell(root: &Path) {
         build(root, &node)
     });
     if let Err(error) = built {
-        println!("note: {error}; going on without the web pages");
+        run::say(&format!("note: {error}; going on without the web pages"));
     }
 }
 
@@ -221,7 +222,7 @@ pub(crate) fn screenshots(root: &Path, args: &[String]) -> Result<()> {
 }
 
 fn with_the_program(root: &Path, script: &str) -> Result<()> {
-    run::run(&mut run::cargo(root, &["build", "-p", "railbus"]))?;
+    programs::railbus(root)?;
     let node = Node::find(root)?;
     node.packages(root)?;
     node.npm(root, &["run", script])

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::elf;
 use super::{image, stack};
-use crate::run::{Error, Result};
+use crate::run::{self, Error, Result};
 
 /// The table.
 const TABLE: &str = "docs/firmware-size.md";
@@ -50,7 +50,7 @@ impl Needs {
 /// Compares the table with the images as built now.
 pub(super) fn check(root: &Path) -> Result<()> {
     let now = table(root)?;
-    print!("{now}");
+    run::say(&now);
     let committed = std::fs::read_to_string(root.join(TABLE)).unwrap_or_default();
     let grown: Vec<&str> = image::FAMILIES
         .iter()
@@ -89,7 +89,7 @@ fn has_grown(committed: Option<Needs>, now: Option<Needs>) -> bool {
 /// Writes the table.
 pub(super) fn update(root: &Path) -> Result<()> {
     let table = table(root)?;
-    print!("{table}");
+    run::say(&table);
     std::fs::write(root.join(TABLE), table)
         .map_err(|error| Error::new(format!("{TABLE}: {error}"), "see that it can be written to"))
 }

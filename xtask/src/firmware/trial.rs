@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use super::image;
-use crate::peers;
 use crate::run::{self, Result, cargo};
+use crate::{peers, programs};
 
 /// Third-party masters against boards in QEMU.
 const MASTERS: &str = "interop/firmware.py";
@@ -12,7 +12,8 @@ const MASTERS: &str = "interop/firmware.py";
 /// Builds all images and runs every trial, or those that have one of the words in their names.
 pub(super) fn run(root: &Path, words: &[&str]) -> Result<()> {
     let images = images(root)?;
-    let railbus = railbus(root, &[])?;
+    programs::railbus(root)?;
+    let railbus = built(root, "debug");
     let program = [
         "run",
         "--quiet",
@@ -40,7 +41,11 @@ pub(super) fn run(root: &Path, words: &[&str]) -> Result<()> {
 pub(crate) fn demo(root: &Path, args: &[String]) -> Result<()> {
     let images = images(root)?;
     crate::web::build_or_tell(root);
-    let railbus = railbus(root, &["--release"])?;
+    run::run(&mut cargo(
+        root,
+        &["build", "--quiet", "--release", "-p", "railbus"],
+    ))?;
+    let railbus = built(root, "release");
     let program = [
         "run",
         "--quiet",
@@ -63,15 +68,8 @@ fn images(root: &Path) -> Result<PathBuf> {
     Ok(image::folder(root))
 }
 
-/// The host's program, built.
-fn railbus(root: &Path, how: &[&str]) -> Result<PathBuf> {
-    let mut build = cargo(root, &["build", "--quiet", "-p", "railbus"]);
-    run::run(build.args(how))?;
+/// Where cargo puts the host's program.
+fn built(root: &Path, profile: &str) -> PathBuf {
     let target = std::env::var_os("CARGO_TARGET_DIR").map_or(root.join("target"), PathBuf::from);
-    let profile = if how.contains(&"--release") {
-        "release"
-    } else {
-        "debug"
-    };
-    Ok(target.join(profile).join("railbus"))
+    target.join(profile).join("railbus")
 }
