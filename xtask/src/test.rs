@@ -89,7 +89,9 @@ const STEPS: &[Step] = &[
     step("web", web::pages),
     CLIPPY,
     step("deny", deny).unless(no_deny),
-    step("build", |root| nextest(root, &[BUILD, ALL].concat())),
+    step("build", |root| {
+        nextest(root, &[ALL, &["--no-run"]].concat())
+    }),
     step("doc tests", |root| {
         run::run(&mut cargo(root, &["test", "--doc", "--workspace"]))
     })
@@ -296,20 +298,24 @@ fn apart(root: &Path) -> impl Iterator<Item = &'static str> {
 /// at 9600 baud and for modules that don't answer.
 const TESTS_PER_CORE: usize = 8;
 
-/// All tests, and what makes of running them building them.
+/// All tests.
 const ALL: &[&str] = &["--lib", "--bins", "--tests", "--examples"];
-const BUILD: &[&str] = &["--no-run"];
 
-/// Nextest runs tests in separate processes and faster; without it plain cargo does.
+/// Nextest runs tests in separate processes and faster; without it plain cargo does. With
+/// `--no-run` they are only built.
 fn nextest(root: &Path, targets: &[&str]) -> Result<()> {
-    let all = ["--workspace", "--no-fail-fast"];
+    let is_run = !targets.contains(&"--no-run");
+    let to_the_end: &[&str] = if is_run { &["--no-fail-fast"] } else { &[] };
     if !run::works(&mut cargo(root, &["nextest", "--version"])) {
-        return run::run(cargo(root, &["test"]).args(targets).args(all));
+        let mut test = cargo(root, &["test", "--workspace"]);
+        return run::run(test.args(targets).args(to_the_end));
     }
-    let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    let at_once = format!("--test-threads={}", cores * TESTS_PER_CORE);
-    let mut nextest = cargo(root, &["nextest", "run", &at_once]);
-    run::run(nextest.args(targets).args(all))
+    let mut nextest = cargo(root, &["nextest", "run", "--workspace"]);
+    if is_run {
+        let cores = std::thread::available_parallelism().map_or(1, usize::from);
+        nextest.arg(format!("--test-threads={}", cores * TESTS_PER_CORE));
+    }
+    run::run(nextest.args(targets).args(to_the_end))
 }
 
 fn no_deny(root: &Path) -> Option<String> {
