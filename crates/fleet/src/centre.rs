@@ -64,18 +64,18 @@ pub enum CentreInput<'i> {
     /// The lease of a site: site, document, revision.
     Lease(&'i str, &'i [u8], u64),
     /// The result of [`CentreOutput::Store`] with this request number.
-    Stored(u64, LeaseEnd),
+    Stored(u64, StoreEnd),
     /// The result of [`CentreOutput::ReadLease`]: [`None`] if reading failed, `Some(None)` if there
     /// is no lease, otherwise document and revision.
     LeaseRead(&'i str, Option<Option<(&'i [u8], u64)>>),
 }
 
-/// The result of storing a lease.
+/// The result of storing a document provided that another one is the latest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum LeaseEnd {
+pub enum StoreEnd {
     /// Stored with this revision.
     Stored(u64),
-    /// Another lease was stored first.
+    /// Another one was stored first.
     Conflict,
     /// Unknown: it may still be stored later.
     Unknown,
@@ -263,6 +263,11 @@ impl Centre {
             behind: present.map(|b| b.beat.newest.saturating_sub(b.beat.delivered)),
             clock_ahead_ms: present.map(|beat| beat.clock_ahead_ms),
             session: lease.map_or("", |lease| &lease.session),
+            time: present.map(|beat| {
+                // It was sent before it arrived: the site's time has come further.
+                let since = u64::try_from(ago(beat.at).as_millis()).unwrap_or(u64::MAX);
+                (&*beat.beat.boot, beat.beat.time_ms.saturating_add(since))
+            }),
             version: lease.map_or("", |lease| &lease.version),
             key_expires_s: lease.and_then(|lease| lease.key_expires_s),
             duplicate: site.duplicate.map(ago),
@@ -377,13 +382,13 @@ impl Centre {
         self.outputs.push_back(reply);
     }
 
-    fn stored(&mut self, now: Duration, number: u64, end: LeaseEnd) {
+    fn stored(&mut self, now: Duration, number: u64, end: StoreEnd) {
         let Some(grant) = self.grants.remove(&number) else {
             return;
         };
         let (name, session) = (grant.site, grant.lease.session.clone());
         match end {
-            LeaseEnd::Stored(revision) => {
+            StoreEnd::Stored(revision) => {
                 let lease = grant.lease;
                 self.set_holder(now, &name, (lease, revision), false);
                 let site = self.sites.get(&name);
@@ -393,13 +398,13 @@ impl Centre {
                 }
             }
             // There is a newer lease that has not arrived here yet.
-            LeaseEnd::Conflict if !grant.is_retry => {
+            StoreEnd::Conflict if !grant.is_retry => {
                 if let Some(site) = self.sites.get_mut(&name) {
                     site.retry = Some((number, grant.hello, session));
                     return self.read_lease(&name);
                 }
             }
-            LeaseEnd::Conflict | LeaseEnd::Unknown => {}
+            StoreEnd::Conflict | StoreEnd::Unknown => {}
         }
         // The site retries. If the lease is stored after all, it arrives as one.
         self.outputs.push_back(CentreOutput::Drop(number));

@@ -169,6 +169,142 @@ pub struct ApiAnswer {
     pub took_ms: u64,
 }
 
+/// A command to a site: a request to its API that it carries out at most once.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct CommandRequest {
+    /// By which the site knows it again.
+    #[prost(string, tag = "1")]
+    pub id: String,
+    /// The method of HTTP.
+    #[prost(string, tag = "2")]
+    pub method: String,
+    /// The path.
+    #[prost(string, tag = "3")]
+    pub path: String,
+    /// The body.
+    #[prost(bytes = "vec", tag = "4")]
+    pub body: Vec<u8>,
+    /// The name of the caller at the centre.
+    #[prost(string, tag = "5")]
+    pub user: String,
+    /// As in [`ApiRequest`].
+    #[prost(string, tag = "6")]
+    pub language: String,
+    /// The run of the site whose time counts.
+    #[prost(bytes = "vec", tag = "7")]
+    pub boot: Vec<u8>,
+    /// By when its frames must be sent, by the site's own time, in milliseconds.
+    #[prost(uint64, tag = "8")]
+    pub valid_until_ms: u64,
+    /// It is not begun: only what came of it is wanted.
+    #[prost(bool, tag = "9")]
+    pub tell: bool,
+}
+
+/// The answer to [`CommandRequest`].
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct CommandAnswer {
+    /// What came of it.
+    #[prost(oneof = "CommandOutcome", tags = "1, 2, 3, 4")]
+    pub answer: Option<CommandOutcome>,
+}
+
+/// What came of a command, as its site says it.
+#[derive(Clone, PartialEq, prost::Oneof)]
+pub enum CommandOutcome {
+    /// What its API answered.
+    #[prost(message, tag = "1")]
+    Ended(ApiAnswer),
+    /// It was not begun, and never will be.
+    #[prost(message, tag = "2")]
+    Never(FleetRefusal),
+    /// Not known yet.
+    #[prost(message, tag = "3")]
+    Later(FleetRefusal),
+    /// The site can't tell.
+    #[prost(message, tag = "4")]
+    Lost(FleetRefusal),
+}
+
+/// A document of the centre about a command.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct CommandRecord {
+    /// What is wanted, or what came of it.
+    #[prost(oneof = "CommandKind", tags = "1, 2")]
+    pub record: Option<CommandKind>,
+}
+
+/// What is wanted, or what came of it.
+#[derive(Clone, PartialEq, prost::Oneof)]
+pub enum CommandKind {
+    /// What is wanted.
+    #[prost(message, tag = "1")]
+    Intent(CommandIntent),
+    /// What came of it.
+    #[prost(message, tag = "2")]
+    End(CommandEnd),
+}
+
+/// What is wanted.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct CommandIntent {
+    /// As in [`CommandRequest`].
+    #[prost(string, tag = "1")]
+    pub method: String,
+    /// As in [`CommandRequest`].
+    #[prost(string, tag = "2")]
+    pub path: String,
+    /// As in [`CommandRequest`].
+    #[prost(bytes = "vec", tag = "3")]
+    pub body: Vec<u8>,
+    /// As in [`CommandRequest`].
+    #[prost(string, tag = "4")]
+    pub user: String,
+    /// As in [`CommandRequest`].
+    #[prost(string, tag = "5")]
+    pub language: String,
+    /// As in [`CommandRequest`].
+    #[prost(bytes = "vec", tag = "6")]
+    pub boot: Vec<u8>,
+    /// As in [`CommandRequest`].
+    #[prost(uint64, tag = "7")]
+    pub valid_until_ms: u64,
+    /// When it was wanted, in milliseconds since 1970.
+    #[prost(int64, tag = "8")]
+    pub at_ms: i64,
+    /// Distinguishes it from another one of the same id.
+    #[prost(bytes = "vec", tag = "9")]
+    pub token: Vec<u8>,
+}
+
+/// What came of a command.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct CommandEnd {
+    /// The command.
+    #[prost(message, optional, tag = "1")]
+    pub intent: Option<CommandIntent>,
+    /// What came of it.
+    #[prost(oneof = "CommandResult", tags = "2, 3, 4")]
+    pub end: Option<CommandResult>,
+    /// When that was known, in milliseconds since 1970.
+    #[prost(int64, tag = "5")]
+    pub at_ms: i64,
+}
+
+/// What came of a command.
+#[derive(Clone, PartialEq, prost::Oneof)]
+pub enum CommandResult {
+    /// What the API of the site answered.
+    #[prost(message, tag = "2")]
+    Ended(ApiAnswer),
+    /// It was not carried out.
+    #[prost(message, tag = "3")]
+    Never(FleetRefusal),
+    /// Whether it was carried out is not known, and never will be.
+    #[prost(message, tag = "4")]
+    Unknown(FleetRefusal),
+}
+
 /// Entries that are there no longer.
 #[derive(Clone, Copy, PartialEq, prost::Message)]
 pub struct Dropped {

@@ -80,7 +80,7 @@ impl Hub {
         assert_eq!(*after, self.revision);
         self.revision += 1;
         self.document.clone_from(payload);
-        let end = LeaseEnd::Stored(self.revision);
+        let end = StoreEnd::Stored(self.revision);
         self.handle(CentreInput::Stored(*number, end));
         let mut outputs = self.outputs();
         let Some(CentreOutput::Reply(_, answer)) = outputs.pop() else {
@@ -279,7 +279,7 @@ fn of_two_centres_granting_a_session_one_succeeds() {
     };
     let other = other.encode_to_vec();
     hub.handle(CentreInput::Lease("p1", &other, 1));
-    hub.handle(CentreInput::Stored(*number, LeaseEnd::Unknown));
+    hub.handle(CentreInput::Stored(*number, StoreEnd::Unknown));
     assert_eq!(hub.outputs(), [CentreOutput::Drop(*number)]);
     hub.beats("other", 0);
     assert_eq!(hub.view().presence, SitePresence::Online);
@@ -301,7 +301,7 @@ fn of_two_centres_granting_a_session_one_succeeds() {
     );
     hub.handle(CentreInput::Lease("p1", payload, 3));
     hub.outputs();
-    hub.handle(CentreInput::Stored(hub.number, LeaseEnd::Stored(2)));
+    hub.handle(CentreInput::Stored(hub.number, StoreEnd::Stored(2)));
     assert_eq!(hub.outputs(), [CentreOutput::Drop(hub.number)]);
 }
 
@@ -316,7 +316,7 @@ fn after_a_conflict_the_latest_lease_is_read_and_the_request_decided_again() {
         else {
             panic!("{asked:?}");
         };
-        hub.handle(CentreInput::Stored(*number, LeaseEnd::Conflict));
+        hub.handle(CentreInput::Stored(*number, StoreEnd::Conflict));
         assert_eq!(hub.outputs(), [CentreOutput::ReadLease("p1".to_owned())]);
         assert_eq!(hub.hello(FIRST), [CentreOutput::Drop(2)]);
         let mut other = SessionLease::decode(&**payload).unwrap();
@@ -341,7 +341,7 @@ fn after_a_conflict_the_latest_lease_is_read_and_the_request_decided_again() {
             _ => panic!("{again:?}"),
         }
         // Once.
-        hub.handle(CentreInput::Stored(1, LeaseEnd::Conflict));
+        hub.handle(CentreInput::Stored(1, StoreEnd::Conflict));
         assert_eq!(hub.outputs(), [CentreOutput::Drop(1)]);
     }
 }

@@ -36,6 +36,8 @@ pub struct SiteView<'c> {
     pub clock_ahead_ms: Option<i64>,
     /// Its present session, part of the subject of requests to it; empty if it never had one.
     pub session: &'c str,
+    /// Its run, and at least how far its own time has come, in milliseconds; none unless online.
+    pub time: Option<(&'c [u8], u64)>,
     /// Its version of railbus.
     pub version: &'c str,
     /// Until when its key is valid, in seconds since 1970; none where it does not expire.

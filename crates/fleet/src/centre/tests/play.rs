@@ -2,7 +2,7 @@
 //! of order, leases lost or stored without anybody being told, machines that sleep, and restarts of
 //! all. The judge knows what each machine recorded, and when.
 
-use crate::centre::{Centre, CentreInput, CentreOutput, LeaseEnd, ONLINE, SitePresence};
+use crate::centre::{Centre, CentreInput, CentreOutput, ONLINE, SitePresence, StoreEnd};
 use crate::dice::Dice;
 use crate::message::{SessionLease, UplinkValue};
 use crate::uplink::tests::{Site, identity_of};
@@ -31,7 +31,7 @@ enum Coming {
     Hello(usize, u64, Vec<u8>),
     Said(usize, String, Vec<u8>),
     Lease(usize, Vec<u8>, u64),
-    Stored(usize, u64, LeaseEnd),
+    Stored(usize, u64, StoreEnd),
     /// The last document at that time; it may not be known.
     LeaseRead(usize, Option<Option<(Vec<u8>, u64)>>),
     Answer(usize, u64, Vec<u8>),
@@ -207,9 +207,9 @@ impl World {
                     }
                     // What became of it may never be heard.
                     let end = match is_stored {
-                        _ if self.happens(5) => LeaseEnd::Unknown,
-                        true => LeaseEnd::Stored(revision),
-                        false => LeaseEnd::Conflict,
+                        _ if self.happens(5) => StoreEnd::Unknown,
+                        true => StoreEnd::Stored(revision),
+                        false => StoreEnd::Conflict,
                     };
                     self.comes(Coming::Stored(hub, number, end));
                 }

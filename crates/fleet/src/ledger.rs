@@ -1,0 +1,654 @@
+//! Commands of the centre to sites, without I/O: each has exactly one end.
+//!
+//! A command is a record before its site hears of it, and so is its end. Both are written by
+//! compare-and-set, so that of two centres only one gives a command its end. It is sent once; if no
+//! answer comes, its site is asked what came of it, and never to begin it. docs/decisions/0056
+
+mod recent;
+
+use crate::centre::StoreEnd;
+use crate::message::{
+    ApiAnswer, CommandAnswer, CommandEnd, CommandIntent, CommandKind, CommandOutcome,
+    CommandRecord, CommandRequest, CommandResult, FleetRefusal,
+};
+use prost::Message as _;
+pub use recent::{CommandView, EndView};
+use recent::{Recent, view_of};
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// The most commands without an end of which new ones are taken.
+const GIVEN_MAX: usize = 4_096;
+/// The same with those of other centres.
+const OPEN_MAX: usize = 8_192;
+/// The most callers that wait for one command.
+const CALLERS_MAX: usize = 64;
+/// The most sites being asked what came of a command.
+const ASKED_MAX: usize = 64;
+/// How long another centre is given to end its own command.
+const TAKEN_OVER: Duration = Duration::from_secs(60);
+/// After so long sites are asked what came of a command, and twice as long each time.
+const ASK: Duration = Duration::from_secs(2);
+/// The longest time between.
+const ASK_MAX: Duration = Duration::from_secs(60);
+/// How long until an end is stored again that could not be.
+const STORE_AGAIN: Duration = Duration::from_secs(5);
+/// How long it is asked what came of a command. A site knows it for a day.
+const KNOWN: Duration = Duration::from_secs(23 * 60 * 60);
+
+/// The name of a command: its site, and its id there.
+pub type CommandName<'i> = (&'i str, &'i str);
+
+/// What happened.
+#[derive(Debug)]
+pub enum LedgerInput<'i> {
+    /// The records up to now were read, and others come as they are stored.
+    Connected,
+    /// The connection is lost.
+    Lost,
+    /// A command is wanted, by the caller with this number, who waits for its end for so long.
+    Given(u64, CommandName<'i>, CommandIntent, Duration),
+    /// A record, with its number in the stream, and how old it is.
+    Record(CommandName<'i>, &'i [u8], u64, Duration),
+    /// The result of [`LedgerOutput::Store`] with this number.
+    Stored(CommandName<'i>, u64, StoreEnd),
+    /// The result of [`LedgerOutput::Read`] with this number: [`None`] if that failed, otherwise
+    /// the last record and its number in the stream.
+    Read(CommandName<'i>, u64, Option<(&'i [u8], u64)>),
+    /// The result of [`LedgerOutput::Send`] with this number.
+    Said(CommandName<'i>, u64, SiteSaid<'i>),
+}
+
+/// What came of sending a command to its site.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SiteSaid<'i> {
+    /// The site answered.
+    Answer(&'i [u8]),
+    /// It was not delivered: nobody listens at that subject.
+    NotDelivered,
+    /// There is no answer. It may have been delivered.
+    Nothing,
+}
+
+/// What is to be done.
+#[derive(Debug, PartialEq)]
+pub enum LedgerOutput {
+    /// Store a record of this site and command, provided the number of the last one is `after`; 0
+    /// for none.
+    Store {
+        /// By which its result is known.
+        number: u64,
+        /// The site.
+        site: String,
+        /// The command.
+        id: String,
+        /// The record.
+        payload: Vec<u8>,
+        /// The number of the last one.
+        after: u64,
+    },
+    /// Read the last record of this site and command; its result is known by the number.
+    Read(u64, String, String),
+    /// Send this to the site, in its present session; its result is known by the number.
+    Send(u64, String, CommandRequest),
+    /// Tell the caller with this number.
+    Tell(u64, CommandTold),
+}
+
+/// What a caller is told.
+#[derive(Clone, Debug, PartialEq)]
+pub enum CommandTold {
+    /// What came of it.
+    End(Arc<CommandEnd>),
+    /// That is not known yet. The site is asked on.
+    Waiting,
+    /// The id stands for another command. Nothing was sent.
+    OtherCommand,
+    /// It could not be written down. For this caller nothing was sent, and nothing will be.
+    NotStored,
+    /// Too many commands have no end yet. Nothing was sent.
+    TooMany,
+}
+
+/// How far a command is.
+#[derive(Debug)]
+enum Stage {
+    /// That it is wanted is being stored.
+    Storing,
+    /// It is read what this id stands for.
+    Reading,
+    /// It could not be stored, and nothing was sent. If it was stored after all, it is ended: that
+    /// is waited for until then.
+    Dropped(Duration),
+    /// It was sent.
+    Sent(u64),
+    /// What came of it is not known: the number of its record, when the site is asked, if it is
+    /// not being asked, and how often it was.
+    Open(u64, Option<Duration>, u32),
+    /// What came of it is being stored after the record with this number; or when it is, again.
+    Ending(u64, Arc<CommandEnd>, Option<Duration>),
+}
+
+#[derive(Debug)]
+struct Command {
+    intent: CommandIntent,
+    stage: Stage,
+    /// The number of what is under way for it. Results of anything else are of an earlier command
+    /// of this name, or came too late.
+    pending: u64,
+    /// Who waits for its end, and until when.
+    callers: Vec<(u64, Duration)>,
+    /// Until when its site is asked.
+    known_until: Duration,
+}
+
+/// All commands without an end, as one centre process knows them.
+#[derive(Debug, Default)]
+pub struct Ledger {
+    open: BTreeMap<(String, String), Command>,
+    outputs: VecDeque<LedgerOutput>,
+    is_connected: bool,
+    /// The number of the last thing that has a result.
+    number: u64,
+    /// How many sites are being asked what came of a command.
+    asked: usize,
+    /// Nothing is due before.
+    due: Option<Duration>,
+    recent: Recent,
+    /// The wall clock, in milliseconds since 1970.
+    clock_ms: i64,
+    /// How many records could not be decoded.
+    unreadable: u64,
+}
+
+impl Ledger {
+    /// The time of the wall clock, in milliseconds since 1970. Only what is shown depends on it.
+    pub const fn set_clock(&mut self, clock_ms: i64) {
+        self.clock_ms = clock_ms;
+    }
+
+    /// The newest commands of all centres, the newest last.
+    pub fn recent(&self) -> impl DoubleEndedIterator<Item = &CommandView> {
+        self.recent.iter()
+    }
+
+    /// How many commands have no end yet.
+    #[must_use]
+    pub fn open(&self) -> usize {
+        self.open.len()
+    }
+
+    /// How many records could not be decoded.
+    #[must_use]
+    pub const fn unreadable(&self) -> u64 {
+        self.unreadable
+    }
+
+    /// Something happened, at this time since the start.
+    pub fn handle(&mut self, now: Duration, input: LedgerInput<'_>) {
+        self.due = Some(now);
+        match input {
+            LedgerInput::Connected => self.is_connected = true,
+            LedgerInput::Lost => self.lost(now),
+            LedgerInput::Given(number, name, intent, wait) => {
+                self.given(number, name, intent, (now, now + wait));
+            }
+            LedgerInput::Record(name, payload, number, age) => {
+                match CommandRecord::decode(payload).map(|record| record.record) {
+                    Ok(Some(record)) => self.record(now, name, record, (number, age)),
+                    Ok(None) | Err(_) => self.unreadable += 1,
+                }
+            }
+            LedgerInput::Stored(name, number, end) => {
+                if self.is_pending(name, number) {
+                    self.stored(now, name, end);
+                }
+            }
+            LedgerInput::Read(name, number, found) => {
+                if self.is_pending(name, number) {
+                    self.read(now, name, found);
+                }
+            }
+            LedgerInput::Said(name, number, said) => {
+                if self.is_pending(name, number) {
+                    self.said(now, name, said);
+                }
+            }
+        }
+    }
+
+    fn is_pending(&self, (site, id): CommandName<'_>, number: u64) -> bool {
+        let command = self.open.get(&(site.to_owned(), id.to_owned()));
+        command.is_some_and(|command| command.pending == number)
+    }
+
+    /// What is to be done at this time since the start.
+    pub fn poll(&mut self, now: Duration) -> Option<LedgerOutput> {
+        // What one step decides, the next one does.
+        while self.outputs.is_empty() && self.due.is_some_and(|due| due <= now) {
+            self.due = self.step(now);
+        }
+        self.outputs.pop_front()
+    }
+
+    /// When it goes on by itself.
+    #[must_use]
+    pub const fn deadline(&self) -> Option<Duration> {
+        self.due
+    }
+
+    /// Does what is due; when something is next.
+    fn step(&mut self, now: Duration) -> Option<Duration> {
+        let mut next: Option<Duration> = None;
+        let mut at = |due: Duration| next = Some(next.map_or(due, |next| next.min(due)));
+        let is_over = |command: &Command| matches!(command.stage, Stage::Dropped(by) if by <= now);
+        self.open.retain(|_, command| !is_over(command));
+        for ((site, id), command) in &mut self.open {
+            let stage = &command.stage;
+            command.callers.retain(|(number, until)| {
+                if *until > now {
+                    at(*until);
+                    return true;
+                }
+                let told = match stage {
+                    Stage::Ending(_, end, _) => CommandTold::End(Arc::clone(end)),
+                    _ => CommandTold::Waiting,
+                };
+                self.outputs.push_back(LedgerOutput::Tell(*number, told));
+                false
+            });
+            if let Stage::Dropped(by) = stage {
+                at(*by);
+            }
+            if !self.is_connected {
+                continue;
+            }
+            if matches!(command.stage, Stage::Open(..)) {
+                at(command.known_until);
+            }
+            match &mut command.stage {
+                Stage::Open(number, ask_at, _) if command.known_until <= now => {
+                    self.asked = self.asked.saturating_sub(usize::from(ask_at.is_none()));
+                    let lost = refusal("E0169", "the site did not say what came of it for a day");
+                    let end = end(&command.intent, CommandResult::Unknown(lost), self.clock_ms);
+                    command.stage = Stage::Ending(*number, end, Some(now));
+                    at(now);
+                }
+                Stage::Open(_, ask_at @ Some(_), _) => {
+                    let due = ask_at.unwrap_or_default();
+                    if due > now || self.asked >= ASKED_MAX {
+                        // Asked as soon as an answer comes.
+                        if due > now {
+                            at(due);
+                        }
+                        continue;
+                    }
+                    *ask_at = None;
+                    self.asked += 1;
+                    self.number += 1;
+                    command.pending = self.number;
+                    let request = request(id, &command.intent, true);
+                    let send = LedgerOutput::Send(self.number, site.clone(), request);
+                    self.outputs.push_back(send);
+                }
+                Stage::Ending(number, end, again @ Some(_)) => {
+                    let due = again.unwrap_or_default();
+                    if due > now {
+                        at(due);
+                        continue;
+                    }
+                    *again = None;
+                    self.number += 1;
+                    command.pending = self.number;
+                    self.outputs.push_back(LedgerOutput::Store {
+                        number: self.number,
+                        site: site.clone(),
+                        id: id.clone(),
+                        payload: record(CommandKind::End((**end).clone())),
+                        after: *number,
+                    });
+                }
+                _ => {}
+            }
+        }
+        next
+    }
+
+    /// Whatever was under way is not known to have happened.
+    fn lost(&mut self, now: Duration) {
+        self.is_connected = false;
+        self.asked = 0;
+        // What callers are told is independent of the connection.
+        let is_told = |output: &LedgerOutput| matches!(output, LedgerOutput::Tell(..));
+        self.outputs.retain(is_told);
+        for command in self.open.values_mut() {
+            command.pending = 0;
+            match &mut command.stage {
+                stage @ (Stage::Storing | Stage::Reading) => {
+                    let told = match stage {
+                        Stage::Storing => CommandTold::NotStored,
+                        // Another centre carries it out.
+                        _ => CommandTold::Waiting,
+                    };
+                    for (number, _) in command.callers.drain(..) {
+                        let told = LedgerOutput::Tell(number, told.clone());
+                        self.outputs.push_back(told);
+                    }
+                    command.stage = Stage::Dropped(now + TAKEN_OVER);
+                }
+                Stage::Sent(number) => command.stage = Stage::Open(*number, Some(now), 0),
+                Stage::Open(_, ask_at @ None, _) => *ask_at = Some(now),
+                Stage::Ending(_, _, again @ None) => *again = Some(now),
+                _ => {}
+            }
+        }
+    }
+
+    fn tell(&mut self, number: u64, told: CommandTold) {
+        self.outputs.push_back(LedgerOutput::Tell(number, told));
+    }
+
+    fn given(
+        &mut self,
+        number: u64,
+        (site, id): CommandName<'_>,
+        intent: CommandIntent,
+        (now, until): (Duration, Duration),
+    ) {
+        let key = (site.to_owned(), id.to_owned());
+        if let Some(command) = self.open.get_mut(&key) {
+            let told = match &command.stage {
+                _ if !is_same(&command.intent, &intent) => CommandTold::OtherCommand,
+                // It is not known whether the id stands for a command.
+                Stage::Dropped(_) => CommandTold::Waiting,
+                Stage::Ending(_, end, _) => CommandTold::End(Arc::clone(end)),
+                _ if command.callers.len() >= CALLERS_MAX => CommandTold::TooMany,
+                _ => {
+                    command.callers.push((number, until));
+                    return;
+                }
+            };
+            return self.tell(number, told);
+        }
+        if !self.is_connected {
+            return self.tell(number, CommandTold::NotStored);
+        }
+        if self.open.len() >= GIVEN_MAX {
+            return self.tell(number, CommandTold::TooMany);
+        }
+        self.number += 1;
+        self.outputs.push_back(LedgerOutput::Store {
+            number: self.number,
+            site: key.0.clone(),
+            id: key.1.clone(),
+            payload: record(CommandKind::Intent(intent.clone())),
+            after: 0,
+        });
+        let command = Command {
+            intent,
+            stage: Stage::Storing,
+            pending: self.number,
+            callers: vec![(number, until)],
+            known_until: now + KNOWN,
+        };
+        self.open.insert(key, command);
+    }
+
+    /// A record is in the stream.
+    fn record(
+        &mut self,
+        now: Duration,
+        name: CommandName<'_>,
+        record: CommandKind,
+        (number, age): (u64, Duration),
+    ) {
+        self.recent.add(view_of(name, &record));
+        let key = (name.0.to_owned(), name.1.to_owned());
+        match (record, self.open.get_mut(&key)) {
+            (CommandKind::Intent(intent), Some(command)) => {
+                // The same id may be of another centre, which sent it.
+                let is_ours = intent.token == command.intent.token;
+                if is_ours && matches!(command.stage, Stage::Dropped(_)) {
+                    // It was not sent, as its caller was told.
+                    let never = refusal("E0164", "it was not known whether it could be stored");
+                    let end = end(&command.intent, CommandResult::Never(never), self.clock_ms);
+                    command.stage = Stage::Ending(number, end, Some(now));
+                }
+            }
+            (CommandKind::Intent(intent), None) => {
+                if self.open.len() < OPEN_MAX {
+                    let left = KNOWN.saturating_sub(age);
+                    let command = Command {
+                        intent,
+                        stage: Stage::Open(number, Some(now + TAKEN_OVER), 0),
+                        pending: 0,
+                        callers: Vec::new(),
+                        known_until: now + left,
+                    };
+                    self.open.insert(key, command);
+                }
+            }
+            (CommandKind::End(end), Some(_)) => self.ended(&key, &Arc::new(end)),
+            (CommandKind::End(_), None) => {}
+        }
+    }
+
+    /// The end of a command is stored: its callers are told.
+    fn ended(&mut self, key: &(String, String), end: &Arc<CommandEnd>) {
+        let Some(command) = self.open.remove(key) else {
+            return;
+        };
+        if matches!(command.stage, Stage::Open(_, None, _)) {
+            self.asked = self.asked.saturating_sub(1);
+        }
+        let is_it = end
+            .intent
+            .as_ref()
+            .is_some_and(|intent| is_same(intent, &command.intent));
+        for (number, _) in command.callers {
+            let told = match is_it {
+                true => CommandTold::End(Arc::clone(end)),
+                false => CommandTold::OtherCommand,
+            };
+            self.tell(number, told);
+        }
+    }
+
+    fn stored(&mut self, now: Duration, (site, id): CommandName<'_>, stored: StoreEnd) {
+        let key = (site.to_owned(), id.to_owned());
+        let Some(command) = self.open.get_mut(&key) else {
+            return;
+        };
+        match (&mut command.stage, stored) {
+            (Stage::Storing, StoreEnd::Stored(number)) => {
+                command.stage = Stage::Sent(number);
+                self.number += 1;
+                command.pending = self.number;
+                let request = request(id, &command.intent, false);
+                self.outputs
+                    .push_back(LedgerOutput::Send(self.number, site.to_owned(), request));
+            }
+            (Stage::Storing, StoreEnd::Conflict) => {
+                command.stage = Stage::Reading;
+                self.number += 1;
+                command.pending = self.number;
+                let read = LedgerOutput::Read(self.number, key.0, key.1);
+                self.outputs.push_back(read);
+            }
+            (Stage::Storing, StoreEnd::Unknown) => {
+                // Sending it would be possible only if it is known to be written down.
+                let callers = std::mem::take(&mut command.callers);
+                command.stage = Stage::Dropped(now + TAKEN_OVER);
+                for (number, _) in callers {
+                    self.tell(number, CommandTold::NotStored);
+                }
+            }
+            (Stage::Ending(_, end, None), StoreEnd::Stored(_)) => {
+                let end = Arc::clone(end);
+                self.recent
+                    .add(view_of((site, id), &CommandKind::End((*end).clone())));
+                self.ended(&key, &end);
+            }
+            // Another centre was first: its end is the end.
+            (Stage::Ending(_, _, again @ None), StoreEnd::Conflict) => {
+                *again = Some(now + STORE_AGAIN);
+                self.number += 1;
+                command.pending = self.number;
+                let read = LedgerOutput::Read(self.number, key.0, key.1);
+                self.outputs.push_back(read);
+            }
+            (Stage::Ending(_, end, again @ None), StoreEnd::Unknown) => {
+                *again = Some(now + STORE_AGAIN);
+                // What came of it is known all the same.
+                let told = CommandTold::End(Arc::clone(end));
+                for (number, _) in std::mem::take(&mut command.callers) {
+                    self.tell(number, told.clone());
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// The last record was read.
+    fn read(&mut self, now: Duration, name: CommandName<'_>, found: Option<(&[u8], u64)>) {
+        let key = (name.0.to_owned(), name.1.to_owned());
+        let Some(command) = self.open.get_mut(&key) else {
+            return;
+        };
+        let found = found.and_then(|(payload, number)| {
+            let record = CommandRecord::decode(payload).ok()?.record?;
+            Some((record, number))
+        });
+        match (found, &command.stage) {
+            (Some((CommandKind::End(end), _)), _) => self.ended(&key, &Arc::new(end)),
+            // Another centre carries it out.
+            (Some((CommandKind::Intent(intent), number)), Stage::Reading) => {
+                let callers = match is_same(&intent, &command.intent) {
+                    true => Vec::new(),
+                    false => std::mem::take(&mut command.callers),
+                };
+                command.intent = intent;
+                command.stage = Stage::Open(number, Some(now + TAKEN_OVER), 0);
+                for (number, _) in callers {
+                    self.tell(number, CommandTold::OtherCommand);
+                }
+            }
+            (None, Stage::Reading) => {
+                let callers = std::mem::take(&mut command.callers);
+                command.stage = Stage::Dropped(now + TAKEN_OVER);
+                for (number, _) in callers {
+                    self.tell(number, CommandTold::Waiting);
+                }
+            }
+            // It is stored again.
+            _ => {}
+        }
+    }
+
+    /// The site, or nobody, said something.
+    fn said(&mut self, now: Duration, (site, id): CommandName<'_>, said: SiteSaid<'_>) {
+        let key = (site.to_owned(), id.to_owned());
+        let Some(command) = self.open.get_mut(&key) else {
+            return;
+        };
+        let outcome = match said {
+            SiteSaid::Answer(payload) => {
+                CommandAnswer::decode(payload).map_or(None, |answer| answer.answer)
+            }
+            SiteSaid::NotDelivered | SiteSaid::Nothing => None,
+        };
+        let (number, is_first) = match &mut command.stage {
+            Stage::Sent(number) => (*number, true),
+            Stage::Open(number, None, _) => {
+                self.asked = self.asked.saturating_sub(1);
+                (*number, false)
+            }
+            _ => return,
+        };
+        let result = match outcome {
+            Some(CommandOutcome::Ended(answer)) => Some(CommandResult::Ended(answer)),
+            Some(CommandOutcome::Never(why)) => Some(CommandResult::Never(why)),
+            Some(CommandOutcome::Lost(why)) if !is_first => Some(CommandResult::Unknown(why)),
+            // Nobody heard of it, and nobody will: it is sent once.
+            _ if is_first && said == SiteSaid::NotDelivered => {
+                let away = refusal("E0168", "it is not connected");
+                Some(CommandResult::Never(away))
+            }
+            _ => None,
+        };
+        command.stage = match result {
+            Some(result) => {
+                let end = end(&command.intent, result, self.clock_ms);
+                Stage::Ending(number, end, Some(now))
+            }
+            None => {
+                let tries = match command.stage {
+                    Stage::Open(_, _, tries) => tries.saturating_add(1),
+                    _ => 0,
+                };
+                let wait = ASK.saturating_mul(1 << tries.min(8)).min(ASK_MAX);
+                Stage::Open(number, Some(now + wait), tries)
+            }
+        };
+    }
+}
+
+fn refusal(code: &str, reason: &str) -> FleetRefusal {
+    FleetRefusal {
+        code: code.to_owned(),
+        reason: reason.to_owned(),
+    }
+}
+
+fn end(intent: &CommandIntent, result: CommandResult, at_ms: i64) -> Arc<CommandEnd> {
+    Arc::new(CommandEnd {
+        intent: Some(intent.clone()),
+        end: Some(result),
+        at_ms,
+    })
+}
+
+fn record(kind: CommandKind) -> Vec<u8> {
+    let record = Some(kind);
+    CommandRecord { record }.encode_to_vec()
+}
+
+/// What its site is sent.
+fn request(id: &str, intent: &CommandIntent, tell: bool) -> CommandRequest {
+    CommandRequest {
+        id: id.to_owned(),
+        method: intent.method.clone(),
+        path: intent.path.clone(),
+        body: intent.body.clone(),
+        user: intent.user.clone(),
+        language: intent.language.clone(),
+        boot: intent.boot.clone(),
+        valid_until_ms: intent.valid_until_ms,
+        tell,
+    }
+}
+
+/// Whether it is the same command, given again.
+fn is_same(one: &CommandIntent, other: &CommandIntent) -> bool {
+    let what = |intent: &CommandIntent| {
+        let CommandIntent {
+            method, path, user, ..
+        } = intent.clone();
+        (method, path, user)
+    };
+    one.body == other.body && what(one) == what(other)
+}
+
+/// The code of a problem that the API of a site answered; none if it is no problem.
+pub(crate) fn problem_code(answer: &ApiAnswer) -> Option<String> {
+    if (200..300).contains(&answer.status) {
+        return None;
+    }
+    let problem: serde_json::Value = serde_json::from_slice(&answer.body).unwrap_or_default();
+    let code = problem.get("code").and_then(serde_json::Value::as_str);
+    Some(code.unwrap_or("E0101").to_owned())
+}
+
+#[cfg(test)]
+mod tests;

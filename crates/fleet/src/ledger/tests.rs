@@ -1,0 +1,338 @@
+mod play;
+
+use super::*;
+
+const S: fn(u64) -> Duration = Duration::from_secs;
+
+fn intent(path: &str, token: u8) -> CommandIntent {
+    CommandIntent {
+        method: "PUT".to_owned(),
+        path: path.to_owned(),
+        body: b"{\"value\":true}".to_vec(),
+        user: "li".to_owned(),
+        boot: vec![1; 16],
+        valid_until_ms: 5_000,
+        token: vec![token],
+        ..CommandIntent::default()
+    }
+}
+
+fn said(outcome: CommandOutcome) -> Vec<u8> {
+    let answer = Some(outcome);
+    CommandAnswer { answer }.encode_to_vec()
+}
+
+fn done() -> Vec<u8> {
+    said(CommandOutcome::Ended(ApiAnswer {
+        status: 200,
+        body: b"{\"value\":true}".to_vec(),
+        ..ApiAnswer::default()
+    }))
+}
+
+const NAME: CommandName<'_> = ("p1", "c1");
+
+/// A centre that is connected.
+struct Hub(Ledger, Duration, u64);
+
+impl Hub {
+    fn new() -> Hub {
+        let mut hub = Hub(Ledger::default(), S(100), 0);
+        hub.handle(LedgerInput::Connected);
+        hub
+    }
+
+    fn handle(&mut self, input: LedgerInput<'_>) {
+        self.0.handle(self.1, input);
+    }
+
+    fn outputs(&mut self) -> Vec<LedgerOutput> {
+        let outputs: Vec<_> = std::iter::from_fn(|| self.0.poll(self.1)).collect();
+        for output in &outputs {
+            if let LedgerOutput::Store { number, .. }
+            | LedgerOutput::Read(number, ..)
+            | LedgerOutput::Send(number, ..) = output
+            {
+                self.2 = *number;
+            }
+        }
+        outputs
+    }
+
+    /// The result of what is under way.
+    fn stored(&mut self, end: StoreEnd) {
+        self.handle(LedgerInput::Stored(NAME, self.2, end));
+    }
+
+    fn read(&mut self, found: Option<(&[u8], u64)>) {
+        self.handle(LedgerInput::Read(NAME, self.2, found));
+    }
+
+    fn said(&mut self, said: SiteSaid<'_>) {
+        self.handle(LedgerInput::Said(NAME, self.2, said));
+    }
+
+    fn given(&mut self, caller: u64, wanted: CommandIntent) -> Vec<LedgerOutput> {
+        self.handle(LedgerInput::Given(caller, NAME, wanted, S(20)));
+        self.outputs()
+    }
+
+    /// It is stored and sent.
+    fn sent(&mut self) {
+        assert!(is_store(&self.given(1, intent("/x", 1)), 0));
+        self.stored(StoreEnd::Stored(7));
+        let sent = self.outputs();
+        assert!(matches!(&sent[..], [LedgerOutput::Send(_, site, request)]
+            if site == "p1" && request.id == "c1" && !request.tell));
+    }
+
+    /// It waits, and asks its site what came of it.
+    fn asks(&mut self, wait: Duration) {
+        self.1 += wait;
+        let asked = self.outputs();
+        assert!(
+            matches!(&asked[..], [LedgerOutput::Send(_, _, request)] if request.tell),
+            "{asked:?}"
+        );
+    }
+}
+
+fn is_store(outputs: &[LedgerOutput], after: u64) -> bool {
+    matches!(outputs, [LedgerOutput::Store { after: found, .. }] if *found == after)
+}
+
+fn told(outputs: &[LedgerOutput]) -> Option<&CommandTold> {
+    match outputs {
+        [LedgerOutput::Tell(1, told)] => Some(told),
+        _ => None,
+    }
+}
+
+fn result(told: Option<&CommandTold>) -> Option<&CommandResult> {
+    match told {
+        Some(CommandTold::End(end)) => end.end.as_ref(),
+        _ => None,
+    }
+}
+
+#[test]
+fn a_command_is_written_down_then_sent_then_its_end_is_written_down() {
+    let mut hub = Hub::new();
+    hub.sent();
+    hub.said(SiteSaid::Answer(&done()));
+    assert!(is_store(&hub.outputs(), 7));
+    hub.stored(StoreEnd::Stored(8));
+    let outputs = hub.outputs();
+    let end = result(told(&outputs));
+    assert!(matches!(end, Some(CommandResult::Ended(answer)) if answer.status == 200));
+    assert_eq!(hub.0.open(), 0);
+    let recent: Vec<_> = hub.0.recent().collect();
+    assert!(matches!(&recent[..], [one] if one.end.as_ref().unwrap().how == "answered"));
+}
+
+#[test]
+fn what_could_not_be_written_down_is_not_sent() {
+    for end in [Some(StoreEnd::Unknown), None] {
+        let mut hub = Hub::new();
+        hub.given(1, intent("/x", 1));
+        match end {
+            Some(end) => hub.stored(end),
+            None => hub.handle(LedgerInput::Lost),
+        }
+        let outputs = hub.outputs();
+        assert_eq!(told(&outputs), Some(&CommandTold::NotStored));
+        // It was stored after all: it ends, and still is not sent.
+        let late = record(CommandKind::Intent(intent("/x", 1)));
+        hub.handle(LedgerInput::Record(NAME, &late, 7, S(0)));
+        hub.handle(LedgerInput::Connected);
+        assert!(is_store(&hub.outputs(), 7));
+    }
+}
+
+/// The same id may stand for the command of another centre, which was sent.
+#[test]
+fn the_command_of_another_centre_is_not_ended_as_one_that_was_not_sent() {
+    let mut hub = Hub::new();
+    hub.given(1, intent("/x", 1));
+    hub.stored(StoreEnd::Unknown);
+    hub.outputs();
+    let theirs = record(CommandKind::Intent(intent("/x", 2)));
+    hub.handle(LedgerInput::Record(NAME, &theirs, 7, S(0)));
+    assert_eq!(hub.outputs(), []);
+}
+
+#[test]
+fn a_site_that_nobody_reached_did_nothing() {
+    let mut hub = Hub::new();
+    hub.sent();
+    hub.said(SiteSaid::NotDelivered);
+    hub.outputs();
+    hub.stored(StoreEnd::Stored(8));
+    let outputs = hub.outputs();
+    let end = result(told(&outputs));
+    assert!(matches!(end, Some(CommandResult::Never(why)) if why.code == "E0168"));
+}
+
+#[test]
+fn without_an_answer_the_site_is_asked_what_came_of_it() {
+    let mut hub = Hub::new();
+    hub.sent();
+    hub.said(SiteSaid::Nothing);
+    assert_eq!(hub.outputs(), []);
+    hub.asks(ASK);
+    // It was delivered once, perhaps: that it is not now says nothing.
+    hub.said(SiteSaid::NotDelivered);
+    assert_eq!(hub.outputs(), []);
+    hub.asks(ASK * 2);
+    let later = said(CommandOutcome::Later(FleetRefusal::default()));
+    hub.said(SiteSaid::Answer(&later));
+    hub.asks(ASK * 4);
+    // Meanwhile the caller hears that it is not known.
+    hub.said(SiteSaid::Answer(&[255]));
+    hub.1 += ASK * 8 - Duration::from_millis(1);
+    let outputs = hub.outputs();
+    assert_eq!(told(&outputs), Some(&CommandTold::Waiting));
+    hub.asks(Duration::from_millis(1));
+    let lost = said(CommandOutcome::Lost(refusal("E0169", "a restart")));
+    hub.said(SiteSaid::Answer(&lost));
+    assert!(is_store(&hub.outputs(), 7));
+}
+
+#[test]
+fn a_day_later_it_is_not_known_for_ever() {
+    let mut hub = Hub::new();
+    let other = record(CommandKind::Intent(intent("/x", 2)));
+    hub.handle(LedgerInput::Record(NAME, &other, 7, KNOWN - S(30)));
+    assert_eq!(hub.outputs(), []);
+    hub.1 += S(29);
+    assert_eq!(hub.outputs(), []);
+    hub.1 += S(1);
+    let outputs = hub.outputs();
+    let [
+        LedgerOutput::Store {
+            payload, after: 7, ..
+        },
+    ] = &outputs[..]
+    else {
+        panic!("{outputs:?}");
+    };
+    let record = CommandRecord::decode(&**payload).unwrap().record;
+    let Some(CommandKind::End(end)) = record else {
+        panic!("{record:?}");
+    };
+    assert!(matches!(end.end, Some(CommandResult::Unknown(why)) if why.code == "E0169"));
+}
+
+#[test]
+fn another_centre_ends_its_own_commands_first() {
+    let mut hub = Hub::new();
+    let other = record(CommandKind::Intent(intent("/x", 2)));
+    hub.handle(LedgerInput::Record(NAME, &other, 7, S(0)));
+    hub.1 += TAKEN_OVER - S(1);
+    assert_eq!(hub.outputs(), []);
+    hub.asks(S(1));
+    hub.said(SiteSaid::Answer(&done()));
+    assert!(is_store(&hub.outputs(), 7));
+    // It was first.
+    hub.stored(StoreEnd::Conflict);
+    let read = hub.outputs();
+    assert!(matches!(&read[..], [LedgerOutput::Read(_, site, id)] if site == "p1" && id == "c1"));
+    let lost = CommandResult::Unknown(refusal("E0169", ""));
+    let theirs = record(CommandKind::End((*end(&intent("/x", 2), lost, 0)).clone()));
+    hub.read(Some((&theirs, 8)));
+    assert_eq!((hub.outputs(), hub.0.open()), (Vec::new(), 0));
+}
+
+#[test]
+fn the_same_command_again_gets_the_first_end() {
+    let mut hub = Hub::new();
+    hub.given(1, intent("/x", 1));
+    hub.stored(StoreEnd::Conflict);
+    assert!(matches!(&hub.outputs()[..], [LedgerOutput::Read(..)]));
+    let answer = CommandResult::Ended(ApiAnswer::default());
+    let first = record(CommandKind::End(
+        (*end(&intent("/x", 9), answer, 0)).clone(),
+    ));
+    hub.read(Some((&first, 4)));
+    let outputs = hub.outputs();
+    assert!(matches!(
+        result(told(&outputs)),
+        Some(CommandResult::Ended(_))
+    ));
+    // And another one is refused.
+    hub.given(1, intent("/y", 1));
+    hub.stored(StoreEnd::Conflict);
+    hub.outputs();
+    hub.read(Some((&first, 4)));
+    assert_eq!(told(&hub.outputs()), Some(&CommandTold::OtherCommand));
+}
+
+/// The result of storing an end comes when the same command was given again already.
+#[test]
+fn a_late_result_is_not_taken_for_that_of_the_next_one() {
+    let mut hub = Hub::new();
+    hub.sent();
+    hub.said(SiteSaid::Answer(&done()));
+    hub.outputs();
+    let late = hub.2;
+    let ended = CommandResult::Ended(ApiAnswer::default());
+    let ended = record(CommandKind::End((*end(&intent("/x", 1), ended, 0)).clone()));
+    hub.handle(LedgerInput::Record(NAME, &ended, 8, S(0)));
+    hub.outputs();
+    assert!(is_store(&hub.given(1, intent("/x", 2)), 0));
+    hub.handle(LedgerInput::Stored(NAME, late, StoreEnd::Stored(8)));
+    assert_eq!(hub.outputs(), [], "nothing is sent");
+}
+
+#[test]
+fn an_end_that_can_not_be_stored_is_told_and_stored_again() {
+    let mut hub = Hub::new();
+    hub.sent();
+    hub.said(SiteSaid::Answer(&done()));
+    hub.outputs();
+    hub.stored(StoreEnd::Unknown);
+    let outputs = hub.outputs();
+    assert!(result(told(&outputs)).is_some());
+    hub.1 += STORE_AGAIN;
+    assert!(is_store(&hub.outputs(), 7));
+    assert_eq!(hub.0.open(), 1);
+}
+
+#[test]
+fn so_many_are_open_and_no_more() {
+    let mut hub = Hub::new();
+    for at in 0..=GIVEN_MAX {
+        let id = format!("c{at}");
+        hub.handle(LedgerInput::Given(1, ("p1", &id), intent("/x", 1), S(20)));
+        let is_taken = is_store(&hub.outputs(), 0);
+        assert_eq!(is_taken, at < GIVEN_MAX, "{at}");
+    }
+    let lost = record(CommandKind::Intent(intent("/x", 2)));
+    for at in 0..OPEN_MAX {
+        let id = format!("d{at}");
+        hub.handle(LedgerInput::Record(("p2", &id), &lost, 1, S(0)));
+    }
+    assert_eq!(hub.0.open(), OPEN_MAX);
+    // So many are asked at a time.
+    hub.1 += TAKEN_OVER;
+    let asks = |outputs: &[LedgerOutput]| {
+        let sent = outputs.iter();
+        sent.filter(|output| matches!(output, LedgerOutput::Send(..)))
+            .count()
+    };
+    assert_eq!(asks(&hub.outputs()), ASKED_MAX);
+    hub.handle(LedgerInput::Said(("p2", "d0"), 0, SiteSaid::Nothing));
+    assert_eq!(hub.outputs(), []);
+    let of = hub.2 + 1 - ASKED_MAX as u64;
+    hub.handle(LedgerInput::Said(("p2", "d0"), of, SiteSaid::Nothing));
+    assert_eq!(asks(&hub.outputs()), 1);
+}
+
+#[test]
+fn what_is_no_record_is_counted() {
+    let mut hub = Hub::new();
+    for payload in [&[255_u8][..], &[]] {
+        hub.handle(LedgerInput::Record(NAME, payload, 1, S(0)));
+    }
+    assert_eq!((hub.0.unreadable(), hub.0.open()), (2, 0));
+}
