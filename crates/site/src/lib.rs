@@ -50,7 +50,7 @@ pub use failure::CommandError;
 pub use points::{BadReason, PointChange, PointQuality, PointState, PointValue, Pulses, Site};
 pub use rights::{Rights, Role};
 pub use service::{
-    CommandKey, Counts, Events, ExclusiveHold, Follower, KEY_LEN_MAX, KeyRefusal, Left, LineStatus,
-    ModuleStatus, PointNow, PointStatus, RawTerms, ReloadError, RuleStatus, STEPS, Sent, Service,
-    StartError, Update, Updates, Work, is_refused,
+    CommandKey, Counts, Events, ExclusiveHold, Follower, KEY_LEN_MAX, KeyRefusal, KeyTold, Left,
+    LineStatus, ModuleStatus, PointNow, PointStatus, RawTerms, ReloadError, RuleStatus, STEPS,
+    Sent, Service, StartError, Update, Updates, Work, is_refused,
 };

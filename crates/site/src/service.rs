@@ -20,7 +20,7 @@ pub use exclusive_hold::ExclusiveHold;
 pub use follow::Follower;
 pub(crate) use meter::Busy;
 pub use meter::{Counts, STEPS};
-pub use once::{CommandKey, KEY_LEN_MAX, KeyRefusal};
+pub use once::{CommandKey, KEY_LEN_MAX, KeyRefusal, KeyTold};
 pub use record::{Events, Work};
 pub use reload::ReloadError;
 pub use rules::RuleStatus;

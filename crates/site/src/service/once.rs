@@ -63,6 +63,21 @@ pub enum KeyRefusal {
     Begun,
 }
 
+/// What is known of a command with a key.
+#[derive(Clone, Debug, PartialEq)]
+pub enum KeyTold {
+    /// How it ended, in the words of who gave it.
+    Ended(Json),
+    /// As [`KeyRefusal::Begun`].
+    Begun,
+    /// It is under way.
+    UnderWay,
+    /// It was not begun.
+    Never,
+    /// That is not known: keys were forgotten since, or the process was started since.
+    Forgotten,
+}
+
 /// How a command ended, in the words of who gave it; none where it broke off.
 type Ended = Option<Json>;
 
@@ -94,10 +109,25 @@ impl Known {
 
 /// The newest keys.
 #[derive(Debug)]
+struct KnownKeys {
+    keys: VecDeque<Known>,
+    /// When the newest of the forgotten ones was first used.
+    forgotten: Option<Instant>,
+}
+
+/// The newest keys, and the file that outlives the process.
+#[derive(Debug)]
 pub(super) struct Once {
-    known: Mutex<VecDeque<Known>>,
+    known: Mutex<KnownKeys>,
     /// The file; or why it can't be written.
     file: Result<Arc<Mutex<KeyFile>>, String>,
+}
+
+impl KnownKeys {
+    fn find(&self, who: &str, key: &str) -> Option<&Known> {
+        let mut keys = self.keys.iter();
+        keys.find(|one| one.who == who && one.key == key)
+    }
 }
 
 impl Service {
@@ -123,6 +153,15 @@ impl Service {
             .spawn(async move { once.carry_out(key, work).await });
         // It panics nowhere; the runtime may shut down.
         task.await.unwrap_or(Err(KeyRefusal::Begun))
+    }
+
+    /// What is known of a command, without carrying it out. It was given at this time or later;
+    /// none if that may have been before this process was started.
+    ///
+    /// # Errors
+    /// [`KeyRefusal::OtherCommand`].
+    pub fn told(&self, key: &CommandKey, given: Option<Instant>) -> Result<KeyTold, KeyRefusal> {
+        self.inner.once.told(key, given)
     }
 
     /// Why no command with a key is carried out, where its beginning can't be written down.
@@ -153,7 +192,10 @@ impl Once {
             command: row.begin.command,
         });
         Once {
-            known: Mutex::new(known.collect()),
+            known: Mutex::new(KnownKeys {
+                keys: known.collect(),
+                forgotten: None,
+            }),
             file,
         }
     }
@@ -197,32 +239,63 @@ impl Once {
         ended.ok_or(KeyRefusal::Begun)
     }
 
+    fn told(&self, key: &CommandKey, given: Option<Instant>) -> Result<KeyTold, KeyRefusal> {
+        let known = lock(&self.known);
+        if let Some(one) = known.find(&key.caller, &key.key) {
+            if one.command != digest(&key.caller, &key.command) {
+                return Err(KeyRefusal::OtherCommand);
+            }
+            return Ok(match one.slot.get() {
+                Some(Some(answer)) => KeyTold::Ended(answer.clone()),
+                Some(None) => KeyTold::Begun,
+                None => KeyTold::UnderWay,
+            });
+        }
+        let is_later = |given| known.forgotten.is_none_or(|newest| newest < given);
+        let is_known = given.is_some_and(is_later);
+        Ok(match is_known {
+            true => KeyTold::Never,
+            false => KeyTold::Forgotten,
+        })
+    }
+
     /// A command that could not begin needs no key any more, unless another caller waits for it:
     /// it must not push out those that began.
     fn forget(&self, slot: &Slot) {
         let mut known = lock(&self.known);
         // Others come by the table only, which is locked: its own and this.
         let is_needed = slot.initialized() || Arc::strong_count(slot) > 2;
-        known.retain(|one| is_needed || !Arc::ptr_eq(&one.slot, slot));
+        known
+            .keys
+            .retain(|one| is_needed || !Arc::ptr_eq(&one.slot, slot));
     }
 
     /// The slot for the result of the command under this key.
     fn slot(&self, key: &str, who: &str, command: &str, now: Instant) -> Result<Slot, KeyRefusal> {
         let mut known = lock(&self.known);
-        known.retain(|one| one.is_under_way() || !one.is_old(now));
-        if let Some(one) = known.iter().find(|one| one.who == who && one.key == key) {
+        let KnownKeys { keys, forgotten } = &mut *known;
+        keys.retain(|one| {
+            let is_kept = one.is_under_way() || !one.is_old(now);
+            if !is_kept {
+                *forgotten = (*forgotten).max(Some(one.since));
+            }
+            is_kept
+        });
+        if let Some(one) = known.find(who, key) {
             if one.command == command {
                 return Ok(Arc::clone(&one.slot));
             }
             return Err(KeyRefusal::OtherCommand);
         }
-        if known.len() >= KEYS_MAX {
-            let each = known.iter().map(|one| (&*one.who, !one.is_under_way()));
+        if known.keys.len() >= KEYS_MAX {
+            let each = known.keys.iter();
+            let each = each.map(|one| (&*one.who, !one.is_under_way()));
             let over = gives_way(each, who).ok_or(KeyRefusal::TooMany)?;
-            known.remove(over);
+            let gone = known.keys.remove(over).map(|gone| gone.since);
+            known.forgotten = known.forgotten.max(gone);
         }
         let slot = Slot::default();
-        known.push_back(Known {
+        known.keys.push_back(Known {
             key: key.to_owned(),
             who: who.to_owned(),
             command: command.to_owned(),

@@ -98,6 +98,61 @@ async fn old_keys_push_no_new_ones_out_after_a_restart() {
     }
 }
 
+/// "Never" is said only of what can't have been forgotten.
+#[tokio::test]
+async fn what_is_known_of_a_command_is_told_without_carrying_it_out() {
+    let place = Place::new("told");
+    let keys = place.keys();
+    let given = Some(Instant::now());
+    let of = |keys: &Once, key: &str| keys.told(&named(key, "li", "k1"), given);
+    assert_eq!(of(&keys, "a"), Ok(KeyTold::Never));
+    assert_eq!(ask(&keys, "a", "li", "k1", "1").await, Ok(told("1")));
+    assert_eq!(of(&keys, "a"), Ok(KeyTold::Ended(told("1"))));
+    let other = keys.told(&named("a", "li", "k2"), given);
+    assert_eq!(other, Err(KeyRefusal::OtherCommand));
+    assert_eq!(
+        keys.told(&named("a", "wang", "k1"), given),
+        Ok(KeyTold::Never)
+    );
+    let under_way = keys.slot(
+        "b",
+        "li",
+        &digest("li", &named("b", "li", "k1").command),
+        Instant::now(),
+    );
+    assert_eq!(of(&keys, "b"), Ok(KeyTold::UnderWay));
+    under_way.unwrap().set(None).unwrap();
+    assert_eq!(of(&keys, "b"), Ok(KeyTold::Begun));
+    // A run before may have had it.
+    assert_eq!(
+        keys.told(&named("c", "li", "k1"), None),
+        Ok(KeyTold::Forgotten)
+    );
+    // Others are forgotten: those before may be among them, later ones are not.
+    for number in 0..KEYS_MAX {
+        let end = ask(&keys, &number.to_string(), "li", "k1", "1").await;
+        assert!(end.is_ok());
+    }
+    assert_eq!(of(&keys, "a"), Ok(KeyTold::Forgotten));
+    let later = Some(Instant::now());
+    assert_eq!(
+        keys.told(&named("c", "li", "k1"), later),
+        Ok(KeyTold::Never)
+    );
+    // So do those whose day is over.
+    let tomorrow = Instant::now() + AGE_MAX + Duration::from_secs(1);
+    keys.slot("d", "li", "k1", tomorrow).unwrap();
+    assert_eq!(
+        keys.told(&named("c", "li", "k1"), given),
+        Ok(KeyTold::Forgotten)
+    );
+    // A restart knows what was written down.
+    let keys = place.keys();
+    let last = (KEYS_MAX - 1).to_string();
+    let end = keys.told(&named(&last, "li", "k1"), None);
+    assert_eq!(end, Ok(KeyTold::Ended(told("1"))));
+}
+
 #[tokio::test]
 async fn nobody_pushes_the_keys_of_others_out() {
     let place = Place::new("share");
@@ -112,7 +167,7 @@ async fn nobody_pushes_the_keys_of_others_out() {
             .await
             .unwrap();
     }
-    assert_eq!(lock(&keys.known).len(), KEYS_MAX);
+    assert_eq!(lock(&keys.known).keys.len(), KEYS_MAX);
     let again = place.keys();
     for keys in [&keys, &again] {
         for number in 0..10 {
@@ -161,7 +216,7 @@ async fn a_key_lasts_a_day_whatever_the_clock_on_the_wall_says() {
     });
     keys.write(row).await.unwrap();
     let keys = place.keys();
-    let aged = |keys: &Once| lock(&keys.known).back().unwrap().aged;
+    let aged = |keys: &Once| lock(&keys.known).keys.back().unwrap().aged;
     assert!(aged(&keys) < Duration::from_secs(60), "{:?}", aged(&keys));
     let text = std::fs::read_to_string(place.0.join(NAME)).unwrap();
     let Ok(Row::Begin(begin)) = serde_json::from_str(text.lines().last().unwrap()) else {
@@ -321,7 +376,7 @@ async fn the_file_does_not_grow_for_ever() {
         let key = named("same", "li", &number.to_string());
         let end = keys.carry_out(key, async move { answer }).await;
         assert!(end.is_ok());
-        lock(&keys.known).clear();
+        lock(&keys.known).keys.clear();
     }
     let len = std::fs::metadata(place.0.join(NAME)).unwrap().len();
     assert!(len < 2 * SLACK, "{len}");
