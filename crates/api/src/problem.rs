@@ -290,6 +290,8 @@ pub mod codes {
         FLEET_STREAMS = "E0167", 503;
         /// Also `name`: the site, `reason`.
         SITE_AWAY = "E0168", 503;
+        /// Also `name`: the site, `id`: the command, `reason`.
+        COMMAND_OPEN = "E0169", 504;
         /// Also `reason`: what it is.
         NOT_REMOTE = "E0937", 403;
         /// Also `name`.

@@ -22,6 +22,7 @@ use serde_json::Value;
 pub(super) const ROUTES: &[Route] = &[
     Route::new("POST", "/batch", Need::OPERATOR, || post(batch))
         .within_points()
+        .command()
         .doc(
             Doc::new("Switch several outputs of any modules")
                 .takes::<BatchRequest>()
@@ -33,6 +34,7 @@ pub(super) const ROUTES: &[Route] = &[
         post(set_group)
     })
     .within_points()
+    .command()
     .doc(
         Doc::new("Switch a group")
             .takes::<GroupRequest>()
@@ -42,6 +44,7 @@ pub(super) const ROUTES: &[Route] = &[
         .doc(Doc::new("All scenes").answers::<Scenes>()),
     Route::new("POST", "/scenes/{scene}/run", Need::OPERATOR, || post(play))
         .within_points()
+        .command()
         .doc(
             Doc::new("Play a scene, up to the first step that fails")
                 .takes::<SceneRequest>()

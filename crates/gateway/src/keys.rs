@@ -3,12 +3,24 @@
 
 use axum::body::Bytes;
 use railbus_api::problem::{Problem, codes};
-use railbus_site::{CommandKey, KeyRefusal, Service};
+use railbus_site::{CommandKey, KeyRefusal, KeyTold, Service};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+use std::time::Instant;
 
 /// The end of a command, as JSON text.
 pub(super) type End = Result<Bytes, Problem>;
+
+/// What is known of a command with a key.
+#[derive(Debug)]
+pub(super) enum KnownEnd {
+    Ended(End),
+    UnderWay,
+    /// It was not begun.
+    Never,
+    /// Whether it was begun is not known.
+    Forgotten,
+}
 
 /// Carries a command out once per key: a repeated request gets the first answer.
 pub(super) async fn once(
@@ -20,6 +32,19 @@ pub(super) async fn once(
     match told {
         Ok(told) => Told::end(told),
         Err(refusal) => Err(problem(&refusal)),
+    }
+}
+
+/// What is known of a command, without carrying it out: it was given at this time or later, if that
+/// was in this process.
+pub(super) fn told(service: &Service, key: &CommandKey, given: Option<Instant>) -> KnownEnd {
+    match service.told(key, given) {
+        Ok(KeyTold::Ended(told)) => KnownEnd::Ended(Told::end(told)),
+        Ok(KeyTold::Begun) => KnownEnd::Ended(Err(problem(&KeyRefusal::Begun))),
+        Ok(KeyTold::UnderWay) => KnownEnd::UnderWay,
+        Ok(KeyTold::Never) => KnownEnd::Never,
+        Ok(KeyTold::Forgotten) => KnownEnd::Forgotten,
+        Err(refusal) => KnownEnd::Ended(Err(problem(&refusal))),
     }
 }
 

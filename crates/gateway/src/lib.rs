@@ -66,6 +66,7 @@ mod order;
 mod points;
 mod ports;
 mod remote_api;
+mod remote_order;
 #[cfg(test)]
 mod rights;
 mod route;

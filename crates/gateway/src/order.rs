@@ -3,6 +3,7 @@
 
 use super::access::Caller;
 use super::keys::{self, broken};
+use super::remote_order::RemoteOrder;
 use super::route::Answer;
 use super::site::Site;
 use super::{answer, body};
@@ -22,6 +23,8 @@ pub(super) struct Order {
     pub(super) site: Site,
     pub(super) who: Caller,
     pub(super) headers: HeaderMap,
+    /// How it came, where a remote caller gave it.
+    remote: Option<RemoteOrder>,
     body: Bytes,
 }
 
@@ -33,11 +36,13 @@ impl FromRequest<Site> for Order {
         let who = Extension::<Caller>::from_request_parts(&mut parts, site).await;
         let Extension(who) = who.map_err(IntoResponse::into_response)?;
         let headers = parts.headers.clone();
+        let remote = parts.extensions.get().copied();
         let body = Bytes::from_request(Request::from_parts(parts, body), site).await;
         Ok(Order {
             site: site.clone(),
             who,
             headers,
+            remote,
             body: body.map_err(IntoResponse::into_response)?,
         })
     }
@@ -132,13 +137,22 @@ impl Order {
             Err(problem) => return answer::problem(&problem),
         };
         let name = what.1.clone();
+        let (remote, body) = (self.remote, self.body.clone());
         let end = async move {
+            // What is left of its time now: its key may have waited for the disk.
+            let wanted = match &remote {
+                Some(remote) => remote.in_time(&body)?,
+                None => wanted,
+            };
             // The site asks for the rights once more, in the step in which the command begins.
             run(service, name, wanted).await.map(as_json)
         };
         let end = async move { tokio::spawn(end).await.unwrap_or_else(broken) };
         let Some(key) = key else {
-            return answer::text(end.await);
+            return match self.remote {
+                Some(_) => bad_request("a remote command without an Idempotency-Key"),
+                None => answer::text(end.await),
+            };
         };
         let command = vec![what.0.into(), what.1.into(), self.body.to_vec()];
         let key = CommandKey {
@@ -146,7 +160,10 @@ impl Order {
             caller: self.who.id,
             command,
         };
-        answer::text(keys::once(&self.site.service, key, end).await)
+        match &self.remote {
+            Some(remote) if !remote.may_begin() => remote.told(&self.site.service, &key),
+            _ => answer::text(keys::once(&self.site.service, key, end).await),
+        }
     }
 }
 

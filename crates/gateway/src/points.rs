@@ -26,6 +26,7 @@ pub(super) const ROUTES: &[Route] = &[
         put(outputs)
     })
     .within_points()
+    .command()
     .doc(
         Doc::new("Switch several outputs of a module at once")
             .takes::<OutputsRequest>()
@@ -44,6 +45,7 @@ pub(super) const ROUTES: &[Route] = &[
         put(write)
     })
     .within_points()
+    .command()
     .doc(
         Doc::new("Switch an output")
             .takes::<WriteRequest>()
@@ -56,6 +58,7 @@ pub(super) const ROUTES: &[Route] = &[
         || post(toggle),
     )
     .within_points()
+    .command()
     .doc(
         Doc::new("Switch an output over")
             .takes::<ToggleRequest>()
@@ -68,6 +71,7 @@ pub(super) const ROUTES: &[Route] = &[
         || post(pulse),
     )
     .within_points()
+    .command()
     .doc(
         Doc::new("Switch an output for a time")
             .takes::<PulseRequest>()

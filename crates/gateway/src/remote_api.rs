@@ -1,5 +1,6 @@
-//! The API for remote callers, whose requests arrive through an outlet. They have the rights of a
-//! viewer: nothing can be written, and streams are not available.
+//! The API for remote callers, whose requests arrive through an outlet. They read with the rights
+//! of a viewer, and streams are not available. Commands have the rights of the outlet, and are
+//! carried out once: [`super::remote_order`].
 //!
 //! Outlets run on threads of their own, without access to the daemon. They pass requests to it, and
 //! it answers them with the handlers of the API.
@@ -7,6 +8,8 @@
 use super::access::{Caller, Known, Role};
 use super::answer;
 use super::listen::ended;
+use super::remote_order::RemoteOrder;
+pub(crate) use super::remote_order::Settled;
 use super::route::BASE;
 use axum::Router;
 use axum::body::{Body, Bytes, to_bytes};
@@ -15,6 +18,7 @@ use axum::http::{Request, Response};
 use hyper::service::Service as _;
 use hyper_util::service::TowerToHyperService;
 use railbus_api::problem::{Problem, codes};
+use railbus_site::Rights;
 use railbus_words::width::is_shown;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -30,6 +34,18 @@ const ANSWER_MAX: Duration = Duration::from_secs(20);
 /// The longest name of who asks, in characters.
 const USER_MAX: usize = 64;
 
+/// A command besides what is asked.
+#[derive(Clone, Debug)]
+pub(crate) struct RemoteCommand {
+    /// The outputs that may be switched, and by whom.
+    pub(crate) rights: Rights,
+    /// By which it is carried out once.
+    pub(crate) key: String,
+    pub(crate) body: Vec<u8>,
+    /// By when it is begun, or that it is not.
+    pub(crate) order: RemoteOrder,
+}
+
 /// What is asked.
 #[derive(Clone, Debug)]
 pub(crate) struct RemoteRequest {
@@ -41,6 +57,8 @@ pub(crate) struct RemoteRequest {
     pub(crate) user: String,
     /// As in `Accept-Language`; empty for errors without texts.
     pub(crate) language: String,
+    /// None for reading.
+    pub(crate) command: Option<RemoteCommand>,
 }
 
 /// The response to it.
@@ -55,6 +73,8 @@ pub(crate) struct RemoteAnswer {
     /// The media type of the body.
     pub(crate) content_type: String,
     pub(crate) body: Bytes,
+    /// What came of a command.
+    pub(crate) settled: Settled,
     /// How long it took from when it was asked.
     pub(crate) took: Duration,
     /// Held until it is sent.
@@ -75,7 +95,9 @@ struct RemoteCall {
 #[derive(Clone, Debug)]
 pub(crate) struct RemoteApi {
     calls: mpsc::Sender<RemoteCall>,
-    permits: Arc<Semaphore>,
+    reads: Arc<Semaphore>,
+    /// Apart: who reads must not keep others from switching something off.
+    commands: Arc<Semaphore>,
 }
 
 /// The end of the daemon.
@@ -83,23 +105,32 @@ pub(crate) struct RemoteCalls(mpsc::Receiver<RemoteCall>);
 
 /// Both ends.
 pub(crate) fn remote_api() -> (RemoteApi, RemoteCalls) {
-    let (calls, asked) = mpsc::channel(REQUESTS_MAX);
-    let permits = Arc::new(Semaphore::new(REQUESTS_MAX));
-    (RemoteApi { calls, permits }, RemoteCalls(asked))
+    let (calls, asked) = mpsc::channel(2 * REQUESTS_MAX);
+    let permits = || Arc::new(Semaphore::new(REQUESTS_MAX));
+    let api = RemoteApi {
+        calls,
+        reads: permits(),
+        commands: permits(),
+    };
+    (api, RemoteCalls(asked))
 }
 
 impl RemoteApi {
-    /// A permit for one request. It is returned with the answer, and is to be held until that is
-    /// sent.
+    /// A permit for one request that reads, or for one command. It is returned with the answer, and
+    /// is to be held until that is sent.
     ///
     /// # Errors
-    /// [`codes::OVERLOADED`] if [`REQUESTS_MAX`] requests are pending.
+    /// [`codes::OVERLOADED`] if [`REQUESTS_MAX`] of its kind are pending.
     #[cfg_attr(
         not(any(test, feature = "fleet")),
         expect(dead_code, reason = "no other outlet has remote callers")
     )]
-    pub(crate) fn permit(&self) -> Result<OwnedSemaphorePermit, Problem> {
-        let permit = Arc::clone(&self.permits).try_acquire_owned();
+    pub(crate) fn permit(&self, is_command: bool) -> Result<OwnedSemaphorePermit, Problem> {
+        let permits = match is_command {
+            true => &self.commands,
+            false => &self.reads,
+        };
+        let permit = Arc::clone(permits).try_acquire_owned();
         permit.map_err(|_| {
             Problem::new(codes::OVERLOADED).with("reason", "too many requests at a time")
         })
@@ -154,13 +185,15 @@ impl RemoteCalls {
 async fn answered(handlers: Router, call: RemoteCall) {
     let user = call.request.user.chars().filter(|letter| is_shown(*letter));
     let user: String = user.take(USER_MAX).collect();
+    let rights = call.request.command.as_ref();
+    let rights = rights.map(|command| command.rights.clone());
     let caller = Caller {
         // Not to be taken for one of the daemon's own users and tokens.
         name: format!("outlet:{}:{user}", call.through),
         id: format!("outlet:{}", call.through),
-        role: Some(Role::Viewer),
+        role: Some(rights.as_ref().map_or(Role::Viewer, |rights| rights.role)),
         via: format!("outlet:{}", call.through),
-        points: Arc::default(),
+        points: rights.map_or_else(Arc::default, |rights| rights.points),
         known: Known::Outlet,
     };
     let late = || {
@@ -170,9 +203,10 @@ async fn answered(handlers: Router, call: RemoteCall) {
         ))
     };
     let asked = whole(handlers, caller, &call.request);
-    let answer = match tokio::time::timeout(ANSWER_MAX, asked).await {
+    let (answer, settled) = match tokio::time::timeout(ANSWER_MAX, asked).await {
         Ok(end) => end,
-        Err(_) => Err(late()),
+        // It goes on.
+        Err(_) => (Err(late()), Settled::Later),
     };
     let (status, content_type, body) = match answer {
         Ok(answer) => answer,
@@ -186,6 +220,7 @@ async fn answered(handlers: Router, call: RemoteCall) {
         status,
         content_type,
         body,
+        settled,
         took: call.asked.elapsed(),
         permit: call.permit,
     });
@@ -193,8 +228,39 @@ async fn answered(handlers: Router, call: RemoteCall) {
 
 type Whole = (u16, String, Bytes);
 
-async fn whole(handlers: Router, caller: Caller, asked: &RemoteRequest) -> Result<Whole, Problem> {
-    if asked.method != "GET" {
+/// The answer of the API, and what came of a command.
+async fn whole(
+    handlers: Router,
+    caller: Caller,
+    asked: &RemoteRequest,
+) -> (Result<Whole, Problem>, Settled) {
+    // What reached no handler was not begun, and is not under way.
+    let refused = match asked.command.as_ref() {
+        Some(command) if command.order.tell => Settled::Later,
+        _ => Settled::Ended,
+    };
+    let request = match request(caller, asked) {
+        Ok(request) => request,
+        Err(problem) => return (Err(problem), refused),
+    };
+    let Ok(response) = TowerToHyperService::new(handlers).call(request).await;
+    let settled = response.extensions().get().copied().unwrap_or(refused);
+    let collected = collected(response).await;
+    let settled = match (&collected, settled) {
+        // What it says is not known here.
+        (Err(_), Settled::Ended) if asked.command.is_some() => Settled::Later,
+        (_, settled) => settled,
+    };
+    (collected, settled)
+}
+
+/// The request for the handlers.
+fn request(caller: Caller, asked: &RemoteRequest) -> Result<Request<Body>, Problem> {
+    let is_allowed = match asked.command {
+        None => asked.method == "GET",
+        Some(_) => ["PUT", "POST"].contains(&&*asked.method),
+    };
+    if !is_allowed {
         return Err(not_remote(&asked.method));
     }
     let is_of_api = asked
@@ -204,16 +270,21 @@ async fn whole(handlers: Router, caller: Caller, asked: &RemoteRequest) -> Resul
     if !is_of_api {
         return Err(Problem::new(codes::NO_SUCH_PAGE));
     }
-    let request = Request::builder().uri(&asked.path);
+    let request = Request::builder().uri(&asked.path).method(&*asked.method);
     let request = match asked.language.is_empty() {
         true => request,
         false => request.header(ACCEPT_LANGUAGE, &asked.language),
     };
-    let request = request.extension(caller).body(Body::empty());
-    let request = request
-        .map_err(|error| Problem::new(codes::BAD_REQUEST).with("reason", error.to_string()))?;
-    let Ok(response) = TowerToHyperService::new(handlers).call(request).await;
-    collected(response).await
+    let request = request.extension(caller);
+    let request = match &asked.command {
+        None => request.body(Body::empty()),
+        Some(command) => request
+            .header("idempotency-key", &command.key)
+            .header(CONTENT_TYPE, "application/json")
+            .extension(command.order)
+            .body(Body::from(command.body.clone())),
+    };
+    request.map_err(|error| Problem::new(codes::BAD_REQUEST).with("reason", error.to_string()))
 }
 
 async fn collected(response: Response<Body>) -> Result<Whole, Problem> {
@@ -241,7 +312,8 @@ pub(super) fn not_remote(reason: &str) -> Problem {
 mod tests {
     use super::*;
     use axum::Extension;
-    use axum::routing::get;
+    use axum::http::HeaderMap;
+    use axum::routing::{get, put};
     use std::sync::atomic::{AtomicUsize, Ordering};
 
     fn request(path: &str) -> RemoteRequest {
@@ -250,6 +322,7 @@ mod tests {
             path: path.to_owned(),
             user: "li".to_owned(),
             language: String::new(),
+            command: None,
         }
     }
 
@@ -261,7 +334,8 @@ mod tests {
     }
 
     async fn ask(api: &RemoteApi, request: RemoteRequest) -> Result<RemoteAnswer, Problem> {
-        api.ask("hq", request, api.permit()?).await
+        let permit = api.permit(request.command.is_some())?;
+        api.ask("hq", request, permit).await
     }
 
     fn serving(handlers: Router) -> (RemoteApi, watch::Sender<bool>) {
@@ -334,6 +408,71 @@ mod tests {
         assert_eq!((fits.status, fits.body.len()), (200, BODY_MAX));
         let long = ask(&api, request("/api/v1/not")).await.unwrap();
         assert_eq!(code(&long), "E0168");
+    }
+
+    fn command(tell: bool) -> RemoteRequest {
+        let order = RemoteOrder {
+            by: Some(Instant::now() + Duration::from_secs(60)),
+            tell,
+            given: None,
+        };
+        RemoteRequest {
+            method: "PUT".to_owned(),
+            command: Some(RemoteCommand {
+                rights: Rights {
+                    role: Role::Operator,
+                    points: ["oven".to_owned()].into(),
+                },
+                key: "c1".to_owned(),
+                body: b"{\"value\":true}".to_vec(),
+                order,
+            }),
+            ..request("/api/v1/points/oven/k1")
+        }
+    }
+
+    #[tokio::test]
+    async fn a_command_has_the_rights_of_its_outlet_and_a_key() {
+        let handler =
+            async |headers: HeaderMap, Extension(caller): Extension<Caller>, body: String| {
+                let key = headers["idempotency-key"].to_str().unwrap().to_owned();
+                format!("{key} {body} {:?} {:?}", caller.role, caller.points)
+            };
+        let router = Router::new().route("/api/v1/points/oven/k1", put(handler));
+        let (api, _stop) = serving(router);
+        let answer = ask(&api, command(false)).await.unwrap();
+        let wanted = "c1 {\"value\":true} Some(Operator) [\"oven\"]";
+        assert_eq!((answer.status, &*answer.body), (200, wanted.as_bytes()));
+        assert_eq!(answer.settled, Settled::Ended);
+    }
+
+    /// Only what says what came of a command is taken for that.
+    #[tokio::test(start_paused = true)]
+    async fn what_does_not_say_what_came_of_a_command_leaves_that_open() {
+        let long = put(async || "x".repeat(BODY_MAX + 1));
+        let router = Router::new()
+            .route("/api/v1/long", long)
+            .route("/api/v1/never", put(std::future::pending::<()>))
+            .route("/api/v1/lost", put(async || Extension(Settled::Lost)))
+            .fallback(async || "refused");
+        let (api, _stop) = serving(router);
+        let settled = async |path: &str, tell| {
+            let asked = RemoteRequest {
+                path: path.to_owned(),
+                ..command(tell)
+            };
+            ask(&api, asked).await.unwrap().settled
+        };
+        for tell in [false, true] {
+            assert_eq!(settled("/api/v1/long", tell).await, Settled::Later);
+            assert_eq!(settled("/api/v1/never", tell).await, Settled::Later);
+            assert_eq!(settled("/api/v1/lost", tell).await, Settled::Lost);
+        }
+        assert_eq!(settled("/api/v1/else", false).await, Settled::Ended);
+        assert_eq!(settled("/metrics", false).await, Settled::Ended);
+        // It may have been begun before its rights were taken away.
+        assert_eq!(settled("/api/v1/else", true).await, Settled::Later);
+        assert_eq!(settled("/metrics", true).await, Settled::Later);
     }
 
     /// The time runs by itself where all wait.

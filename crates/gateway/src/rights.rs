@@ -4,7 +4,8 @@
 use super::access::{Caller, Gate, Known, Need, Reach, Role};
 use super::config::Desk;
 use super::northbound::Northbound;
-use super::remote_api::{RemoteRequest, remote_api};
+use super::remote_api::{RemoteCommand, RemoteRequest, Settled, remote_api};
+use super::remote_order::RemoteOrder;
 use super::route::{BASE, Route};
 use super::routes::{Audience, TOP, all, handlers};
 use super::site::Site;
@@ -14,12 +15,13 @@ use axum::http::{Request, StatusCode};
 use axum::{Extension, Router};
 use hyper::service::Service as _;
 use hyper_util::service::TowerToHyperService;
-use railbus_site::{Config, Service};
+use railbus_site::{Config, Rights, Service};
 use railbus_words::Lang;
 use serde_json::Value;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 use tokio::sync::watch;
 
 const HEAD: &str = "| route | who | limited to points |\n|---|---|---|\n";
@@ -276,8 +278,10 @@ async fn remote_callers_read_as_viewers_and_do_nothing_else() {
             path: path.clone(),
             user: "li".to_owned(),
             language: String::new(),
+            command: None,
         };
-        let answer = api.ask("hq", asked, api.permit().unwrap()).await.unwrap();
+        let permit = api.permit(false).unwrap();
+        let answer = api.ask("hq", asked, permit).await.unwrap();
         let problem: Value = serde_json::from_slice(&answer.body).unwrap_or_default();
         let code = problem["code"].as_str().unwrap_or_default();
         streams += u8::from(route.is_stream);
@@ -298,6 +302,78 @@ async fn remote_callers_read_as_viewers_and_do_nothing_else() {
     }
     assert!(answered > 20, "{answered}");
     assert_eq!(streams, 5);
+}
+
+/// What switches outputs and has a key can be given from afar, with the rights of the outlet; and
+/// nothing else.
+#[tokio::test]
+async fn remote_callers_give_commands_and_change_nothing_else() {
+    let here = Here::new("commands");
+    let (api, calls) = remote_api();
+    let handlers = handlers(here.site.clone(), Audience::Remote);
+    tokio::spawn(calls.serve(handlers, here.site.stop.clone()));
+    let mut commands = 0;
+    for (role, points) in [
+        (Role::Viewer, &[][..]),
+        (Role::Operator, &["oven.k1".to_owned()]),
+        (Role::Operator, &["*".to_owned()]),
+    ] {
+        for (at, route) in all().enumerate() {
+            let path = format!("{BASE}{}", filled(route.path));
+            let order = RemoteOrder {
+                by: Some(Instant::now() + Duration::from_secs(60)),
+                tell: false,
+                given: None,
+            };
+            let rights = Rights {
+                role,
+                points: points.into(),
+            };
+            let asked = RemoteRequest {
+                method: route.method.to_owned(),
+                path: path.clone(),
+                user: "li".to_owned(),
+                language: String::new(),
+                command: Some(RemoteCommand {
+                    rights,
+                    key: format!("c{at}"),
+                    body: Vec::new(),
+                    order,
+                }),
+            };
+            let permit = api.permit(true).unwrap();
+            let answer = api.ask("hq", asked, permit).await.unwrap();
+            let problem: Value = serde_json::from_slice(&answer.body).unwrap_or_default();
+            let code = problem["code"].as_str().unwrap_or_default();
+            let what = format!("{} {path} as {role:?}: {code}", route.method);
+            assert_eq!(answer.settled, Settled::Ended, "{what}");
+            let wanted = match route.need {
+                _ if !["PUT", "POST"].contains(&route.method) => "E0937",
+                Need::Owner => "E0110",
+                // Some are refused for their role or points already.
+                _ if !route.is_command => {
+                    assert!(["E0905", "E0922", "E0937"].contains(&code), "{what}");
+                    continue;
+                }
+                _ if role == Role::Viewer => "E0905",
+                _ => {
+                    commands += 1;
+                    assert!(!["E0905", "E0937"].contains(&code), "{what}");
+                    assert!(answer.status != 405, "{what}");
+                    continue;
+                }
+            };
+            assert_eq!(code, wanted, "{what}");
+        }
+    }
+    // Outputs, one output, over, for a time, several, a group, a scene.
+    assert_eq!(commands, 2 * 7);
+    let all_have_points = all().filter(|route| route.is_command);
+    assert!(
+        all_have_points
+            .into_iter()
+            .all(|route| { route.need == Need::OPERATOR && route.reach == Reach::Points })
+    );
 }
 
 #[tokio::test]

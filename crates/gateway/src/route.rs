@@ -30,6 +30,9 @@ pub(super) struct Route {
     pub(super) is_secret: bool,
     /// Its answer goes on until the client leaves, or for minutes.
     pub(super) is_stream: bool,
+    /// It switches outputs and is carried out once per `Idempotency-Key`, so that it can be given
+    /// from afar.
+    pub(super) is_command: bool,
     /// Its documentation in the OpenAPI document.
     pub(super) doc: Option<Doc>,
     /// The handler.
@@ -50,6 +53,7 @@ impl Route {
             reach: Reach::of(method, need),
             is_secret: false,
             is_stream: false,
+            is_command: false,
             doc: None,
             handler,
         }
@@ -71,9 +75,18 @@ impl Route {
         }
     }
 
-    /// Whether remote callers can use it: it only reads, is no stream and has no secret.
+    /// It switches outputs, and is carried out once per key.
+    pub(super) const fn command(self) -> Route {
+        Route {
+            is_command: true,
+            ..self
+        }
+    }
+
+    /// Whether remote callers can use it: it is a command, or only reads, is no stream and has no
+    /// secret.
     pub(super) fn is_remote(&self) -> bool {
-        self.method == "GET" && !self.is_stream && !self.is_secret
+        self.is_command || self.method == "GET" && !self.is_stream && !self.is_secret
     }
 
     /// Its handler checks the caller's points.

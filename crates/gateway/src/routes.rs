@@ -13,9 +13,9 @@ use super::{
     web, ws,
 };
 use axum::extract::DefaultBodyLimit;
-use axum::http::StatusCode;
+use axum::http::{Method, StatusCode};
 use axum::middleware::{from_fn, from_fn_with_state};
-use axum::routing::get;
+use axum::routing::{MethodFilter, MethodRouter, get, on};
 use axum::{Extension, Router};
 use railbus_api::problem::{Problem, codes};
 use std::sync::Arc;
@@ -107,8 +107,7 @@ pub(super) fn handlers(site: Site, audience: Audience) -> Router {
     let is_there = |route: &&Route| route.need != Need::Owner || audience == Audience::Owner;
     let add = |router: Router<Site>, route: &Route| {
         let handler = match (audience, route.method == "GET" && !route.is_secret) {
-            (Audience::Remote, _) if route.method != "GET" => return router,
-            (Audience::Remote, _) if !route.is_remote() => get(not_remote),
+            (Audience::Remote, _) if !route.is_remote() => any_of(route.method),
             (_, true) => (route.handler)().layer(from_fn(compress::answer)),
             (_, false) => (route.handler)(),
         };
@@ -136,8 +135,13 @@ async fn not_so() -> Answer {
     answer::problem(&problem.with("reason", "not with this method"))
 }
 
-async fn not_remote() -> Answer {
-    answer::problem(&remote_api::not_remote("a stream, or a secret"))
+/// The route exists, and not for remote callers.
+fn any_of(method: &str) -> MethodRouter<Site> {
+    let method = Method::from_bytes(method.as_bytes()).unwrap_or_default();
+    let filter = MethodFilter::try_from(method).unwrap_or(MethodFilter::GET);
+    on(filter, async |method: Method| {
+        answer::problem(&remote_api::not_remote(method.as_str()))
+    })
 }
 
 #[cfg(test)]

@@ -106,6 +106,15 @@ impl Outlet {
         self.service_of(&format!("{client} {who}"), rights_to(points.to_vec()))
     }
 
+    /// What its remote callers may switch.
+    #[cfg_attr(
+        not(feature = "fleet"),
+        expect(dead_code, reason = "the other kinds have no remote callers")
+    )]
+    pub(super) fn rights(&self) -> Rights {
+        rights(&self.settings.borrow())
+    }
+
     fn service_of(&self, client: &str, rights: Rights) -> Service {
         let origin = Origin {
             who: self.service.origin().who.clone(),

@@ -235,9 +235,9 @@ codes! {
     }
     NotRemote = "E0937" {
         title: ["this can't be done from the centre of a fleet", "此操作不能从站群中心进行"],
-        likely: ["from there the points, lines and records of a site can be read, and nothing can \
-            be switched or changed",
-            "从中心只能读取站点的点位、总线和记录，不能操作或修改"],
+        likely: ["from there a site can be read and its outputs switched, and nothing else can be \
+            followed or changed",
+            "从中心可以读取站点、操作其输出，不能持续跟踪或修改其他内容"],
         next: ["do it at the site", "在站点本地进行"],
     }
     Differs = "E1001" {

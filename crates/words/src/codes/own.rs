@@ -162,6 +162,13 @@ codes! {
         next: ["see what was known of it last: railbus fleet get SITE",
             "查看其最后已知的值：railbus fleet get 站点"],
     }
+    CommandOpen = "E0169" {
+        title: ["whether the site carried out the command is not known",
+            "不知道站点是否执行了该命令"],
+        likely: ["the site or its network went down after it was sent",
+            "命令发出后，站点或其网络中断"],
+        next: ["see what came of it: railbus fleet commands", "查看其结果：railbus fleet commands"],
+    }
     NoHistory = "E0170" {
         title: ["no history available", "没有历史记录"],
         likely: ["the daemon could not open its database · no daemon is running",

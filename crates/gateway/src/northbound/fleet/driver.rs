@@ -1,17 +1,17 @@
 //! Drives the site's side of its way to the centre.
 
+use super::asked::{self, RunTime, refused};
 use super::connection::{Connection, LinkState, RECONNECT_MAX};
 use crate::access::secret::random;
-use crate::nats::next;
+use crate::nats::{next, since_boot};
 use crate::northbound::broker::session::Tries;
 use crate::northbound::outbox::{self, OutboxHandle, OutboxState, Reading, StateAt};
 use crate::northbound::outlet::Outlet;
-use crate::remote_api::{RemoteApi, RemoteRequest};
 use async_nats::connection::State;
 use async_nats::{HeaderMap, Message, StatusCode, Subscriber};
 use prost::Message as _;
 use railbus_api::problem::{Problem, codes};
-use railbus_fleet::message::{ApiAnswer, ApiRequest, FleetRefusal, Resend, ResendAnswer};
+use railbus_fleet::message::{Resend, ResendAnswer};
 use railbus_fleet::uplink::{
     NoResend, OutboxHead, READ_MAX, SiteIdentity, UpMessage, Uplink, UplinkFault, UplinkInput,
     UplinkOutput,
@@ -60,7 +60,8 @@ struct Driver {
     failures: u32,
     /// What is known of the connection.
     link: LinkState,
-    began: Instant,
+    /// Which run this is, and its time.
+    run: RunTime,
     /// Held while a long answer of the API is sent.
     long_answers: Arc<Semaphore>,
     outlet: Outlet,
@@ -105,7 +106,10 @@ pub(super) async fn run(outlet: Outlet) -> Result<(), Problem> {
         key_ends: None,
         failures: 0,
         link: LinkState::default(),
-        began: Instant::now(),
+        run: RunTime {
+            boot,
+            began: since_boot(),
+        },
         long_answers: Arc::new(Semaphore::new(1)),
         outlet,
     };
@@ -195,7 +199,10 @@ impl Driver {
             if let Err(problem) = driven {
                 return Ended::Broken(problem);
             }
-            let deadline = self.uplink.deadline().map(|at| self.began + at);
+            // What was suspended on the way is due sooner.
+            let now = self.run.now();
+            let deadline = self.uplink.deadline();
+            let deadline = deadline.map(|at| Instant::now() + at.saturating_sub(now));
             // A disk that hangs does not say when it no longer does.
             let look = self
                 .recorded
@@ -242,7 +249,7 @@ impl Driver {
     }
 
     fn handle(&mut self, input: UplinkInput<'_>) {
-        self.uplink.handle(self.began.elapsed(), input);
+        self.uplink.handle(self.run.now(), input);
     }
 
     /// What its credentials say.
@@ -296,12 +303,19 @@ impl Driver {
                 self.handle(UplinkInput::Ended(&session));
                 Vec::new()
             }
-            Some("api") => match self.outlet.api.permit() {
+            Some("api") => match self.outlet.api.permit(false) {
                 Ok(permit) => {
                     self.ask_api(connection, asked, permit);
                     return;
                 }
                 Err(problem) => refused(&problem).encode_to_vec(),
+            },
+            Some("cmd") => match self.outlet.api.permit(true) {
+                Ok(permit) => {
+                    self.carry_out(connection, asked, permit);
+                    return;
+                }
+                Err(problem) => asked::not_begun(&asked.payload, &problem).encode_to_vec(),
             },
             Some("resend") => self.resend(&asked.payload).encode_to_vec(),
             Some("state") => {
@@ -327,7 +341,7 @@ impl Driver {
         let (name, long) = (self.outlet.name.clone(), Arc::clone(&self.long_answers));
         tokio::spawn(async move {
             let begun = Instant::now();
-            let (answer, permit) = api_answer(&api, &name, &asked.payload, permit).await;
+            let (answer, permit) = asked::api(&api, &name, &asked.payload, permit).await;
             let payload = answer.encode_to_vec();
             // One long answer at a time: heartbeats wait for what is being sent.
             let turn = match payload.len() > LONG {
@@ -341,6 +355,26 @@ impl Driver {
                 let _ = client.flush().await;
             }
             drop((turn, permit));
+        });
+    }
+
+    /// Gives a command to this site, or tells what came of it, beside everything else.
+    fn carry_out(&self, connection: &Connection, asked: Message, permit: OwnedSemaphorePermit) {
+        let Some(reply) = asked.reply else {
+            return;
+        };
+        let (api, client) = (self.outlet.api.clone(), connection.client.clone());
+        let (name, rights) = (self.outlet.name.clone(), self.outlet.rights());
+        let run = self.run;
+        tokio::spawn(async move {
+            let (answer, permit) =
+                asked::command(&api, &name, (run, rights), &asked.payload, permit).await;
+            if client.connection_state() == State::Connected {
+                // Both fail if the connection has ended: the centre asks again.
+                let _ = client.publish(reply, answer.encode_to_vec().into()).await;
+                let _ = client.flush().await;
+            }
+            drop(permit);
         });
     }
 
@@ -365,7 +399,7 @@ impl Driver {
         self.handle(UplinkInput::Stuck(self.recorded.outbox.is_stuck()));
         loop {
             let clock = millis(SystemTime::now());
-            let Some(output) = self.uplink.poll(self.began.elapsed(), clock) else {
+            let Some(output) = self.uplink.poll(self.run.now(), clock) else {
                 break;
             };
             match output {
@@ -464,59 +498,6 @@ async fn publish(connection: &Connection, message: UpMessage) -> Result<(), Prob
         None => client.publish(message.subject, payload).await,
     };
     end.map_err(|error| ended(&error))
-}
-
-fn refused(problem: &Problem) -> ResendAnswer {
-    ResendAnswer {
-        refusal: Some(refusal(problem)),
-    }
-}
-
-fn refusal(problem: &Problem) -> FleetRefusal {
-    FleetRefusal {
-        code: problem.code.clone(),
-        reason: problem.text("reason").to_owned(),
-    }
-}
-
-/// The answer of the API of this site, and the permit if it is still needed.
-async fn api_answer(
-    api: &RemoteApi,
-    outlet: &str,
-    asked: &[u8],
-    permit: OwnedSemaphorePermit,
-) -> (ApiAnswer, Option<OwnedSemaphorePermit>) {
-    let refused = |problem: &Problem| ApiAnswer {
-        refusal: Some(refusal(problem)),
-        ..ApiAnswer::default()
-    };
-    let asked = match ApiRequest::decode(asked) {
-        Ok(asked) => asked,
-        Err(why) => {
-            let problem = Problem::new(codes::BAD_REQUEST).with("reason", why.to_string());
-            return (refused(&problem), Some(permit));
-        }
-    };
-    let request = RemoteRequest {
-        method: asked.method,
-        path: asked.path,
-        user: asked.user,
-        language: asked.language,
-    };
-    match api.ask(outlet, request, permit).await {
-        Ok(answer) => {
-            let wire = ApiAnswer {
-                refusal: None,
-                status: answer.status.into(),
-                content_type: answer.content_type,
-                body: answer.body.into(),
-                took_ms: u64::try_from(answer.took.as_millis()).unwrap_or(u64::MAX),
-            };
-            (wire, Some(answer.permit))
-        }
-        // The daemon is stopping.
-        Err(problem) => (refused(&problem), None),
-    }
 }
 
 /// The thread of the outbox has ended.

@@ -2,8 +2,10 @@
 //! order, also those of an outage.
 //!
 //! - Its settings: `settings`. How servers are reached: `connection`. What drives it: `driver`.
+//!   What the centre asks: `asked`.
 //! - What is said and when is decided by [`railbus_fleet::uplink`], which has no I/O.
 
+mod asked;
 mod connection;
 mod driver;
 mod settings;
@@ -34,8 +36,9 @@ const WORDS: (Pair, Pair) = (
 
 const NOTES: &[Pair] = &[
     [
-        "The centre can read what a viewer of this site can, and switch or change nothing.",
-        "中心可以读取本站查看者能看到的内容，不能操作或修改。",
+        "The centre can read what a viewer of this site can, and switch the outputs that are named \
+         here. It can change nothing else.",
+        "中心可以读取本站查看者能看到的内容，并操作此处列出的输出；除此之外不能修改任何内容。",
     ],
     [
         "The name of the site is in its credentials, and the servers let it say nothing for \
@@ -76,6 +79,15 @@ const FIELDS: &[Field] = &[
     .with_hint([
         "File ca.pem of the fleet on this machine; the authorities of this machine if left empty",
         "本机上该站群的 ca.pem 文件；留空则使用本机信任的 CA",
+    ]),
+    Field::new(
+        "write",
+        ["Outputs that may be switched", "允许操作的输出"],
+        Shape::Points,
+    )
+    .with_hint([
+        "Outputs such as oven.k1, oven or *; nothing if left empty",
+        "输出，如 oven.k1、oven 或 *；留空则均不可操作",
     ]),
     Field::new(
         "replay_days",

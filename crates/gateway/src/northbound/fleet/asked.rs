@@ -1,0 +1,222 @@
+//! What the centre asks of this site: what its API answers, and commands.
+
+use crate::nats::since_boot;
+use crate::remote_api::{RemoteApi, RemoteCommand, RemoteRequest, Settled};
+use crate::remote_order::RemoteOrder;
+use prost::Message as _;
+use railbus_api::problem::{Problem, codes};
+use railbus_fleet::message::{
+    ApiAnswer, ApiRequest, CommandAnswer, CommandOutcome, CommandRequest, FleetRefusal,
+    ResendAnswer,
+};
+use railbus_site::{Rights, WITHIN_MAX};
+use std::time::{Duration, Instant};
+use tokio::sync::OwnedSemaphorePermit;
+
+/// A run of this outlet, and its time, which goes on while the machine sleeps.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct RunTime {
+    pub(super) boot: [u8; 16],
+    /// When it began, since the machine was booted.
+    pub(super) began: Duration,
+}
+
+impl RunTime {
+    /// How long it has been running.
+    pub(super) fn now(&self) -> Duration {
+        since_boot().saturating_sub(self.began)
+    }
+
+    /// How a command came that says this.
+    fn order(&self, asked: &CommandRequest) -> RemoteOrder {
+        let is_this_run = asked.boot == self.boot;
+        let until = Duration::from_millis(asked.valid_until_ms);
+        let (now, own) = (self.now(), Instant::now());
+        let most = Duration::from_micros(WITHIN_MAX.0);
+        // Nothing may be sent later than this, whatever the centre says.
+        let left = until.saturating_sub(now).min(most);
+        let passed = (now + most).saturating_sub(until).min(now);
+        RemoteOrder {
+            by: is_this_run.then(|| own + left),
+            tell: asked.tell,
+            given: own.checked_sub(passed).filter(|_| is_this_run),
+        }
+    }
+}
+
+pub(super) fn refusal(problem: &Problem) -> FleetRefusal {
+    FleetRefusal {
+        code: problem.code.clone(),
+        reason: problem.text("reason").to_owned(),
+    }
+}
+
+pub(super) fn refused(problem: &Problem) -> ResendAnswer {
+    ResendAnswer {
+        refusal: Some(refusal(problem)),
+    }
+}
+
+/// The answer of the API of this site, and the permit if it is still needed.
+pub(super) async fn api(
+    api: &RemoteApi,
+    outlet: &str,
+    asked: &[u8],
+    permit: OwnedSemaphorePermit,
+) -> (ApiAnswer, Option<OwnedSemaphorePermit>) {
+    let refused = |problem: &Problem| ApiAnswer {
+        refusal: Some(refusal(problem)),
+        ..ApiAnswer::default()
+    };
+    let asked = match ApiRequest::decode(asked) {
+        Ok(asked) => asked,
+        Err(why) => {
+            let problem = Problem::new(codes::BAD_REQUEST).with("reason", why.to_string());
+            return (refused(&problem), Some(permit));
+        }
+    };
+    let request = RemoteRequest {
+        method: asked.method,
+        path: asked.path,
+        user: asked.user,
+        language: asked.language,
+        command: None,
+    };
+    let asked = asked_of(api, outlet, request, permit).await;
+    match asked {
+        Ok((answer, _, permit)) => (answer, Some(permit)),
+        // The daemon is stopping.
+        Err(problem) => (refused(&problem), None),
+    }
+}
+
+/// What came of a command, and the permit if it is still needed.
+pub(super) async fn command(
+    api: &RemoteApi,
+    outlet: &str,
+    (run, rights): (RunTime, Rights),
+    payload: &[u8],
+    permit: OwnedSemaphorePermit,
+) -> (CommandAnswer, Option<OwnedSemaphorePermit>) {
+    let asked = match CommandRequest::decode(payload) {
+        Ok(asked) => asked,
+        Err(why) => {
+            let problem = Problem::new(codes::BAD_REQUEST).with("reason", why.to_string());
+            return (not_begun(payload, &problem), Some(permit));
+        }
+    };
+    let tell = asked.tell;
+    let order = run.order(&asked);
+    let request = RemoteRequest {
+        method: asked.method,
+        path: asked.path,
+        user: asked.user,
+        language: asked.language,
+        command: Some(RemoteCommand {
+            rights,
+            key: asked.id,
+            body: asked.body,
+            order,
+        }),
+    };
+    let asked = asked_of(api, outlet, request, permit).await;
+    let (answer, settled, permit) = match asked {
+        Ok((answer, settled, permit)) => (answer, settled, Some(permit)),
+        // The daemon is stopping: whether it began is not known.
+        Err(problem) => return (of(CommandOutcome::Later(refusal(&problem))), None),
+    };
+    let why = || {
+        let problem: Problem =
+            serde_json::from_slice(&answer.body).unwrap_or_else(|_| Problem::new(codes::INTERNAL));
+        refusal(&problem)
+    };
+    let outcome = match settled {
+        Settled::Ended => CommandOutcome::Ended(answer),
+        Settled::Never => CommandOutcome::Never(why()),
+        Settled::Later => CommandOutcome::Later(why()),
+        Settled::Lost if tell => CommandOutcome::Lost(why()),
+        Settled::Lost => CommandOutcome::Later(why()),
+    };
+    (of(outcome), permit)
+}
+
+/// The answer to a command that did not get as far as the API. What is only asked may have been
+/// begun before.
+pub(super) fn not_begun(payload: &[u8], problem: &Problem) -> CommandAnswer {
+    let why = refusal(problem);
+    let is_first = CommandRequest::decode(payload).is_ok_and(|asked| !asked.tell);
+    of(match is_first {
+        true => CommandOutcome::Never(why),
+        false => CommandOutcome::Later(why),
+    })
+}
+
+fn of(outcome: CommandOutcome) -> CommandAnswer {
+    CommandAnswer {
+        answer: Some(outcome),
+    }
+}
+
+async fn asked_of(
+    api: &RemoteApi,
+    outlet: &str,
+    request: RemoteRequest,
+    permit: OwnedSemaphorePermit,
+) -> Result<(ApiAnswer, Settled, OwnedSemaphorePermit), Problem> {
+    let answer = api.ask(outlet, request, permit).await?;
+    let wire = ApiAnswer {
+        refusal: None,
+        status: answer.status.into(),
+        content_type: answer.content_type,
+        body: answer.body.into(),
+        took_ms: u64::try_from(answer.took.as_millis()).unwrap_or(u64::MAX),
+    };
+    Ok((wire, answer.settled, answer.permit))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_deadline_counts_in_the_time_of_one_run() {
+        let began = since_boot().saturating_sub(Duration::from_secs(100));
+        let run = RunTime {
+            boot: [7; 16],
+            began,
+        };
+        let order = |boot: [u8; 16], until_s: u64| {
+            let asked = CommandRequest {
+                boot: boot.to_vec(),
+                valid_until_ms: until_s * 1_000,
+                ..CommandRequest::default()
+            };
+            let order = run.order(&asked);
+            let left = |by: Instant| by.saturating_duration_since(Instant::now()).as_secs();
+            let ago = |given: Instant| given.elapsed().as_secs();
+            (order.by.map(left), order.given.map(ago))
+        };
+        // A minute is the longest that a command may wait: it was not given before.
+        assert_eq!(order([7; 16], 105), (Some(4), Some(55)));
+        assert_eq!(order([7; 16], 90), (Some(0), Some(70)));
+        assert_eq!(order([7; 16], 5), (Some(0), Some(100)));
+        assert_eq!(order([7; 16], u64::MAX / 1_000), (Some(59), Some(0)));
+        assert_eq!(order([8; 16], 105), (None, None));
+    }
+
+    #[test]
+    fn what_is_asked_again_is_not_said_never_to_have_begun() {
+        let problem = Problem::new(codes::OVERLOADED);
+        let answer = |tell| {
+            let asked = CommandRequest {
+                tell,
+                ..CommandRequest::default()
+            };
+            not_begun(&asked.encode_to_vec(), &problem).answer.unwrap()
+        };
+        assert!(matches!(answer(false), CommandOutcome::Never(why) if why.code == "E0105"));
+        assert!(matches!(answer(true), CommandOutcome::Later(_)));
+        let unread = not_begun(&[255], &problem).answer.unwrap();
+        assert!(matches!(unread, CommandOutcome::Later(_)));
+    }
+}
