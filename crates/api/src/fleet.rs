@@ -116,3 +116,52 @@ pub struct FleetPoint {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub time: Option<String>,
 }
+
+/// `GET /fleet/v1/commands`: the newest commands to sites, the newest last.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FleetCommands {
+    /// The version of the API.
+    pub schema: u8,
+    /// How many commands have no end yet.
+    pub open: usize,
+    /// The commands.
+    pub commands: Vec<FleetCommand>,
+}
+
+/// A command to a site.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FleetCommand {
+    /// The site.
+    pub site: String,
+    /// By which it is carried out once: its `Idempotency-Key`.
+    pub id: String,
+    /// Who gave it.
+    pub user: String,
+    /// When, by the centre's clock, as RFC 3339 in UTC.
+    pub at: String,
+    /// The request to the site's API: method, path and the beginning of the body.
+    pub method: String,
+    /// The path.
+    pub path: String,
+    /// The beginning of the body.
+    pub body: String,
+    /// What came of it; none as long as that is not known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub end: Option<FleetCommandEnd>,
+}
+
+/// What came of a command.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FleetCommandEnd {
+    /// `answered`: the site said what came of it. `never`: it was not carried out. `unknown`:
+    /// whether it was is not known.
+    pub how: String,
+    /// The code of the problem, if there was one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub code: Option<String>,
+    /// Why it was not carried out, or that is not known, in English.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
+    /// When that was known, by the centre's clock, as RFC 3339 in UTC.
+    pub at: String,
+}

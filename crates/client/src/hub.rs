@@ -3,7 +3,7 @@
 use super::http::send;
 use super::{plain, read};
 use hyper::Method;
-use railbus_api::fleet::{FleetSitePoints, FleetSites};
+use railbus_api::fleet::{FleetCommands, FleetSitePoints, FleetSites};
 use railbus_api::problem::{Problem, codes};
 use railbus_app::socket;
 use serde::de::DeserializeOwned;
@@ -55,6 +55,14 @@ impl HubClient {
     /// There is no such site, or the centre can't be reached.
     pub async fn site(&self, name: &str) -> Result<FleetSitePoints, Problem> {
         self.get(&format!("/fleet/v1/sites/{name}")).await
+    }
+
+    /// The newest commands to sites, the newest last.
+    ///
+    /// # Errors
+    /// It can't be reached.
+    pub async fn commands(&self) -> Result<FleetCommands, Problem> {
+        self.get("/fleet/v1/commands").await
     }
 
     async fn get<T: DeserializeOwned>(&self, path: &str) -> Result<T, Problem> {

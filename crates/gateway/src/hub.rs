@@ -2,10 +2,12 @@
 //! say, and tells its owner over a Unix socket.
 //!
 //! # Where things are
-//! - What is decided, without I/O: `railbus_fleet::centre`. What drives it: `driver`. Its
-//!   connection, and the streams of its servers: `link`. What it tells: `routes`, `view`. What
-//!   sites tell through it: `site_api`. Keys that are let in no longer: `revoke`.
+//! - What is decided, without I/O: `railbus_fleet::centre` and `railbus_fleet::ledger`. What drives
+//!   it: `driver`. Its connection, and the streams of its servers: `link`. What it tells:
+//!   `routes`, `view`. What sites tell through it: `site_api`. What they are told to do: `command`.
+//!   Keys that are let in no longer: `revoke`.
 
+mod command;
 mod driver;
 mod link;
 mod revoke;

@@ -1,12 +1,13 @@
 //! Drives the centre.
 
 use super::HubText;
-use super::link::{HubFiles, Link, Opened};
+use super::command::{self, GivenCommand, SentEnd};
+use super::link::{Document, HubFiles, Link, Opened, age};
 use super::site_api::SiteWay;
 use super::view;
 use crate::access::secret::{hex, random};
 use crate::listen;
-use crate::nats::next;
+use crate::nats::{next, since_boot};
 use crate::northbound::broker::session::Tries;
 use crate::{warn, warn_of};
 use async_nats::jetstream::Context;
@@ -14,13 +15,15 @@ use async_nats::jetstream::context::PublishErrorKind;
 use async_nats::jetstream::message::PublishMessage;
 use async_nats::jetstream::stream::LastRawMessageErrorKind;
 use async_nats::{Message, Subject};
-use railbus_api::fleet::{FleetSitePoints, FleetSites};
+use railbus_api::fleet::{FleetCommands, FleetSitePoints, FleetSites};
 use railbus_api::problem::{Problem, codes};
 use railbus_app::failure::Failure;
-use railbus_fleet::centre::{Centre, CentreInput, CentreOutput, LeaseEnd};
+use railbus_fleet::centre::{Centre, CentreInput, CentreOutput, StoreEnd};
+use railbus_fleet::ledger::{
+    CommandName, CommandTold, Ledger, LedgerInput, LedgerOutput, SiteSaid,
+};
 use railbus_store::history::millis;
 use railbus_words::Lang;
-use rustix::time::{ClockId, clock_gettime};
 use std::collections::BTreeMap;
 use std::time::{Duration, SystemTime};
 use tokio::sync::{mpsc, oneshot, watch};
@@ -44,23 +47,39 @@ pub(super) enum HubCall {
     Site(String, oneshot::Sender<Result<FleetSitePoints, Problem>>),
     /// How a site is asked; the problem if it can't be.
     Way(String, oneshot::Sender<Result<SiteWay, Problem>>),
+    /// A command to a site; what came of it, or the problem if it was not sent.
+    Command(GivenCommand, oneshot::Sender<Result<CommandTold, Problem>>),
+    /// The newest commands.
+    Commands(oneshot::Sender<FleetCommands>),
 }
 
-/// The latest lease of a site and its revision; none if there is none.
-type LastLease = Option<(Vec<u8>, u64)>;
+/// The latest document of a subject and its revision; none if there is none.
+type LastDocument = Option<(Vec<u8>, u64)>;
 
 /// The result of a request to a stream.
 enum StreamEnd {
     /// Of storing a lease: request number, result, and the problem if there was one.
-    Stored(u64, LeaseEnd, Option<Problem>),
+    Stored(u64, StoreEnd, Option<Problem>),
     /// Of reading the latest lease of a site; none if that failed.
-    LeaseRead(String, Option<LastLease>),
+    LeaseRead(String, Option<LastDocument>),
+    /// Of storing a record of a command.
+    RecordStored(CommandId, StoreEnd, Option<Problem>),
+    /// Of reading the latest one; none if that failed.
+    RecordRead(CommandId, Option<LastDocument>),
+    /// Of sending a command to its site.
+    Sent(CommandId, SentEnd),
 }
+
+/// The site and the id of a command, and the number of what was wanted.
+type CommandId = (String, String, u64);
 
 pub(super) struct Driver {
     lang: Lang,
     files: HubFiles,
     centre: Centre,
+    ledger: Ledger,
+    /// Who waits for what came of a command.
+    callers: BTreeMap<u64, oneshot::Sender<Result<CommandTold, Problem>>>,
     /// The reply subjects of pending requests.
     replies: BTreeMap<u64, Subject>,
     number: u64,
@@ -90,6 +109,7 @@ enum Heard {
     Hello(Message),
     Said(Message),
     Lease(String, Vec<u8>, u64),
+    Record(Document),
     End(StreamEnd),
     Call(HubCall),
     /// Time to check for a suspension.
@@ -117,6 +137,8 @@ impl Driver {
             lang,
             files,
             centre: Centre::default(),
+            ledger: Ledger::default(),
+            callers: BTreeMap::new(),
             replies: BTreeMap::new(),
             number: 0,
             calls,
@@ -141,7 +163,7 @@ impl Driver {
                 Err(problem) => problem,
                 Ok(mut link) => {
                     let end = self.serve(&mut link).await;
-                    self.handle(CentreInput::Lost);
+                    self.lost();
                     // Results of requests on this connection must not reach the next one.
                     self.ends = mpsc::unbounded_channel();
                     tries.connected_since(begun);
@@ -176,6 +198,17 @@ impl Driver {
         self.centre.handle(since_boot(), input);
     }
 
+    fn lost(&mut self) {
+        self.handle(CentreInput::Lost);
+        self.note(LedgerInput::Lost);
+        self.tell_callers();
+    }
+
+    fn note(&mut self, input: LedgerInput<'_>) {
+        self.ledger.set_clock(millis(SystemTime::now()));
+        self.ledger.handle(since_boot(), input);
+    }
+
     /// Reports a problem, once.
     fn failed(&mut self, problem: Problem) {
         let is_told = self
@@ -191,20 +224,31 @@ impl Driver {
     /// Applies the documents read on a connection, then subscribes.
     async fn connected(&mut self, opened: Result<Opened, Problem>) -> Result<Link, Problem> {
         let mut opened = opened?;
-        for (subject, payload, number) in std::mem::take(&mut opened.documents) {
+        for document in std::mem::take(&mut opened.documents) {
+            let (subject, payload) = (&document.subject, &document.payload);
+            if let Some(name) = command_of(subject) {
+                self.note(LedgerInput::Record(
+                    name,
+                    payload,
+                    document.number,
+                    document.age,
+                ));
+                continue;
+            }
             match subject.starts_with("rb.up.") {
                 true => {
-                    let site = site_of(&subject, 2);
-                    self.handle(CentreInput::Said(site, "state", &payload));
+                    let site = site_of(subject, 2);
+                    self.handle(CentreInput::Said(site, "state", payload));
                 }
                 false => {
-                    let site = site_of(&subject, 3);
-                    self.handle(CentreInput::Lease(site, &payload, number));
+                    let site = site_of(subject, 3);
+                    self.handle(CentreInput::Lease(site, payload, document.number));
                 }
             }
         }
         let link = opened.subscribe().await?;
         self.handle(CentreInput::Connected);
+        self.note(LedgerInput::Connected);
         self.error = None;
         self.has_read = true;
         self.checked_at = since_boot();
@@ -227,7 +271,7 @@ impl Driver {
             let heard = self.next(link).await;
             if self.was_suspended() {
                 if let Heard::Call(call) = heard {
-                    self.handle(CentreInput::Lost);
+                    self.lost();
                     self.answer(call, None);
                 }
                 // Queued leases may be older than the known ones.
@@ -243,6 +287,17 @@ impl Driver {
                 Heard::Lease(site, payload, number) => {
                     self.handle(CentreInput::Lease(&site, &payload, number));
                 }
+                Heard::Record(document) => {
+                    if let Some(name) = command_of(&document.subject) {
+                        let record = LedgerInput::Record(
+                            name,
+                            &document.payload,
+                            document.number,
+                            document.age,
+                        );
+                        self.note(record);
+                    }
+                }
                 Heard::End(end) => self.stream_end(end),
                 Heard::Tick => {}
                 Heard::Call(call) => self.answer(call, Some(link)),
@@ -253,6 +308,9 @@ impl Driver {
 
     async fn next(&mut self, link: &mut Link) -> Heard {
         let broken = |reason: &dyn ToString| Heard::Ended(LinkEnd::Broken(ended(reason)));
+        let due = self.ledger.deadline();
+        let due = due.map(|due| due.saturating_sub(since_boot()));
+        let wait = due.map_or(TICK, |due| due.min(TICK));
         tokio::select! {
             () = listen::ended(&mut self.stopped) => Heard::Ended(LinkEnd::Stopped),
             _ = link.is_up.wait_for(|is_up| !is_up) => broken(&"disconnected"),
@@ -269,9 +327,22 @@ impl Driver {
                 Some(Err(error)) => broken(&error),
                 None => broken(&"closed"),
             },
+            record = next(&mut link.commands) => match record {
+                Some(Ok(record)) => match record.info() {
+                    Ok(info) => Heard::Record(Document {
+                        subject: record.subject.to_string(),
+                        payload: record.payload.to_vec(),
+                        number: info.stream_sequence,
+                        age: age(&info),
+                    }),
+                    Err(error) => broken(&error),
+                },
+                Some(Err(error)) => broken(&error),
+                None => broken(&"closed"),
+            },
             // There is always a sender.
             Some(end) = self.ends.1.recv() => Heard::End(end),
-            () = tokio::time::sleep(TICK) => Heard::Tick,
+            () = tokio::time::sleep(wait) => Heard::Tick,
             call = self.calls.recv() => match call {
                 Some(call) => Heard::Call(call),
                 None => Heard::Ended(LinkEnd::Stopped),
@@ -325,10 +396,137 @@ impl Driver {
                 });
                 self.handle(CentreInput::LeaseRead(&site, found));
             }
+            StreamEnd::RecordStored((site, id, number), end, problem) => {
+                if let Some(problem) = problem {
+                    self.failed(problem);
+                }
+                self.note(LedgerInput::Stored((&site, &id), number, end));
+            }
+            StreamEnd::RecordRead((site, id, of), found) => {
+                // One that is gone can't be read.
+                let found = found.flatten();
+                let found = found.as_ref();
+                let found = found.map(|(payload, number)| (payload.as_slice(), *number));
+                self.note(LedgerInput::Read((&site, &id), of, found));
+            }
+            StreamEnd::Sent((site, id, number), end) => {
+                let said = match &end {
+                    SentEnd::Answer(payload) => SiteSaid::Answer(payload),
+                    SentEnd::NotDelivered => SiteSaid::NotDelivered,
+                    SentEnd::Nothing => SiteSaid::Nothing,
+                };
+                self.note(LedgerInput::Said((&site, &id), number, said));
+            }
+        }
+    }
+
+    /// Tells who waits what came of commands: whatever else the ledger wants needs a connection.
+    fn tell_callers(&mut self) {
+        while let Some(output) = self.ledger.poll(since_boot()) {
+            if let LedgerOutput::Tell(number, told) = output {
+                self.tell(number, told);
+            }
+        }
+    }
+
+    fn tell(&mut self, number: u64, told: CommandTold) {
+        if let Some(caller) = self.callers.remove(&number) {
+            // Fails if the caller is gone.
+            let _ = caller.send(Ok(told));
+        }
+    }
+
+    /// What the ledger wants.
+    fn drive_ledger(&mut self, link: &mut Link) {
+        while let Some(output) = self.ledger.poll(since_boot()) {
+            let ends = self.ends.0.clone();
+            match output {
+                LedgerOutput::Tell(number, told) => self.tell(number, told),
+                LedgerOutput::Store {
+                    number,
+                    site,
+                    id,
+                    payload,
+                    after,
+                } => {
+                    let streams = link.streams.clone();
+                    let subject = format!("rb.cmd.{site}.{id}");
+                    tokio::spawn(async move {
+                        let (end, problem) = put(&streams, subject, payload, after).await;
+                        // Fails once the centre has ended.
+                        let _ =
+                            ends.send(StreamEnd::RecordStored((site, id, number), end, problem));
+                    });
+                }
+                LedgerOutput::Read(number, site, id) => {
+                    let streams = link.streams.clone();
+                    tokio::spawn(async move {
+                        let subject = format!("rb.cmd.{site}.{id}");
+                        let found = last_of(&streams, "LEDGER", &subject).await;
+                        let _ = ends.send(StreamEnd::RecordRead((site, id, number), found));
+                    });
+                }
+                LedgerOutput::Send(number, site, request) => {
+                    let session = self.centre.site(since_boot(), &site);
+                    let session = session.map(|site| site.session.to_owned());
+                    let way = link.way(&site, &session.unwrap_or_default(), "cmd");
+                    tokio::spawn(async move {
+                        let end = command::send(way, &request).await;
+                        let _ = ends.send(StreamEnd::Sent((site, request.id, number), end));
+                    });
+                }
+            }
+        }
+    }
+
+    /// A command is wanted.
+    fn given(
+        &mut self,
+        given: GivenCommand,
+        link: Option<&Link>,
+        to: oneshot::Sender<Result<CommandTold, Problem>>,
+    ) {
+        let now = since_boot();
+        let site = self.centre.site(now, &given.site);
+        let time = site.as_ref().map(|site| site.time);
+        let found = match (time, link) {
+            (None, _) => Err(self.no_site(&given.site)),
+            (Some(_), None) => Err(self.disconnected()),
+            (Some(None), Some(_)) => Err(command::offline(&given.site)),
+            (Some(Some(time)), Some(_)) => given.intent(time, millis(SystemTime::now())),
+        };
+        let intent = match found {
+            Ok(intent) => intent,
+            Err(problem) => {
+                // Fails if the client is gone.
+                let _ = to.send(Err(problem));
+                return;
+            }
+        };
+        self.number += 1;
+        self.callers.insert(self.number, to);
+        let name = (&*given.site, &*given.id);
+        self.note(LedgerInput::Given(self.number, name, intent, given.wait()));
+    }
+
+    /// There is no site of this name; before the first connection that is not known.
+    fn no_site(&self, name: &str) -> Problem {
+        match &self.error {
+            Some((problem, _)) if !self.has_read => problem.clone(),
+            _ => Problem::new(codes::NO_SUCH_SITE).with("name", name),
+        }
+    }
+
+    /// Why there is no connection.
+    fn disconnected(&self) -> Problem {
+        match &self.error {
+            Some((problem, _)) => problem.clone(),
+            None => ended(&"disconnected"),
         }
     }
 
     async fn drive(&mut self, link: &mut Link) -> Result<(), Problem> {
+        self.drive_ledger(link);
         while let Some(output) = self.centre.poll() {
             match output {
                 CentreOutput::Reply(number, payload) => {
@@ -362,24 +560,7 @@ impl Driver {
     fn store(&self, link: &mut Link, number: u64, subject: String, payload: Vec<u8>, after: u64) {
         let (streams, ends) = (link.streams.clone(), self.ends.0.clone());
         tokio::spawn(async move {
-            let message = PublishMessage::build()
-                .payload(payload.into())
-                .expected_last_subject_sequence(after);
-            let stored = match streams.send_publish(subject, message).await {
-                Ok(sent) => sent.await.map(|stored| stored.sequence),
-                Err(error) => Err(error),
-            };
-            let (end, problem) = match stored {
-                Ok(number) => (LeaseEnd::Stored(number), None),
-                Err(error) => match error.kind() {
-                    PublishErrorKind::WrongLastSequence => (LeaseEnd::Conflict, None),
-                    _ => {
-                        let problem = Problem::new(codes::FLEET_NOT_STORED);
-                        let problem = problem.with("reason", error.to_string());
-                        (LeaseEnd::Unknown, Some(problem))
-                    }
-                },
-            };
+            let (end, problem) = put(&streams, subject, payload, after).await;
             // Fails once the centre has ended.
             let _ = ends.send(StreamEnd::Stored(number, end, problem));
         });
@@ -388,19 +569,15 @@ impl Driver {
     fn read_lease(&self, link: &mut Link, site: String) {
         let (streams, ends) = (link.streams.clone(), self.ends.0.clone());
         tokio::spawn(async move {
-            let found = last_lease(&streams, &site).await;
+            let subject = format!("rb.fleet.lease.{site}");
+            let found = last_of(&streams, "FLEET", &subject).await;
             // Fails once the centre has ended.
             let _ = ends.send(StreamEnd::LeaseRead(site, found));
         });
     }
 
-    fn answer(&self, call: HubCall, link: Option<&Link>) {
+    fn answer(&mut self, call: HubCall, link: Option<&Link>) {
         let now = since_boot();
-        // Before the first connection the sites are not known.
-        let none = |name: &str| match &self.error {
-            Some((problem, _)) if !self.has_read => problem.clone(),
-            _ => Problem::new(codes::NO_SUCH_SITE).with("name", name),
-        };
         // Sending fails if the client is gone.
         match call {
             HubCall::Sites(to) => {
@@ -410,28 +587,54 @@ impl Driver {
             HubCall::Site(name, to) => {
                 let site = self.centre.site(now, &name);
                 let site = site.as_ref().map(view::site_points);
-                _ = to.send(site.ok_or_else(|| none(&name)));
+                _ = to.send(site.ok_or_else(|| self.no_site(&name)));
             }
             HubCall::Way(name, to) => {
-                let site = self.centre.site(now, &name).ok_or_else(|| none(&name));
-                let way = site.and_then(|site| match link {
-                    Some(link) => Ok(link.way(site.name, site.session)),
-                    None => Err(match &self.error {
-                        Some((problem, _)) => problem.clone(),
-                        None => ended(&"disconnected"),
-                    }),
-                });
+                let site = self.centre.site(now, &name);
+                let way = match (site, link) {
+                    (None, _) => Err(self.no_site(&name)),
+                    (Some(_), None) => Err(self.disconnected()),
+                    (Some(site), Some(link)) => Ok(link.way(site.name, site.session, "api")),
+                };
                 _ = to.send(way);
             }
+            HubCall::Command(given, to) => self.given(given, link, to),
+            HubCall::Commands(to) => _ = to.send(view::commands(&self.ledger)),
         }
     }
 }
 
-/// Reads the latest lease of a site from the leader of the stream.
-async fn last_lease(streams: &Context, site: &str) -> Option<LastLease> {
-    let stream = streams.get_stream_no_info("FLEET").await.ok()?;
-    let subject = format!("rb.fleet.lease.{site}");
-    match stream.get_last_raw_message_by_subject(&subject).await {
+/// Stores a document, provided that the latest one of its subject has this revision.
+async fn put(
+    streams: &Context,
+    subject: String,
+    payload: Vec<u8>,
+    after: u64,
+) -> (StoreEnd, Option<Problem>) {
+    let message = PublishMessage::build()
+        .payload(payload.into())
+        .expected_last_subject_sequence(after);
+    let stored = match streams.send_publish(subject, message).await {
+        Ok(sent) => sent.await.map(|stored| stored.sequence),
+        Err(error) => Err(error),
+    };
+    match stored {
+        Ok(number) => (StoreEnd::Stored(number), None),
+        Err(error) => match error.kind() {
+            PublishErrorKind::WrongLastSequence => (StoreEnd::Conflict, None),
+            _ => {
+                let problem = Problem::new(codes::FLEET_NOT_STORED);
+                let problem = problem.with("reason", error.to_string());
+                (StoreEnd::Unknown, Some(problem))
+            }
+        },
+    }
+}
+
+/// Reads the latest document of a subject from the leader of its stream; none if that fails.
+async fn last_of(streams: &Context, stream: &str, subject: &str) -> Option<LastDocument> {
+    let stream = streams.get_stream_no_info(stream).await.ok()?;
+    match stream.get_last_raw_message_by_subject(subject).await {
         Ok(found) => Some(Some((found.payload.to_vec(), found.sequence))),
         Err(error) => match error.kind() {
             LastRawMessageErrorKind::NoMessageFound => Some(None),
@@ -440,9 +643,7 @@ async fn last_lease(streams: &Context, site: &str) -> Option<LastLease> {
     }
 }
 
-/// The time since this machine was booted, including suspensions.
-pub(super) fn since_boot() -> Duration {
-    let time = clock_gettime(ClockId::Boottime);
-    let seconds = u64::try_from(time.tv_sec).unwrap_or_default();
-    Duration::new(seconds, u32::try_from(time.tv_nsec).unwrap_or_default())
+/// The site and the id in the subject of a command.
+fn command_of(subject: &str) -> Option<CommandName<'_>> {
+    subject.strip_prefix("rb.cmd.")?.split_once('.')
 }

@@ -5,12 +5,14 @@ use crate::nats::{next, unreached};
 use crate::northbound::broker::trusting;
 use async_nats::jetstream::consumer::pull::{Ordered, OrderedConfig};
 use async_nats::jetstream::consumer::{Consumer, DeliverPolicy};
+use async_nats::jetstream::message::Info;
 use async_nats::jetstream::stream::{Config as StreamConfig, Stream as NatsStream};
 use async_nats::jetstream::{self, Context};
 use async_nats::{Client, ConnectOptions, Event, Subscriber};
 use railbus_api::problem::{Problem, codes};
+use railbus_store::history::millis;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 use tokio::sync::watch;
 
 /// A server that does not answer within this time is left.
@@ -31,6 +33,12 @@ const QUEUE: &str = "hub";
 const LEASES: &str = "rb.fleet.lease.*";
 /// How all points of a site are.
 const STATES: &str = "rb.up.*.state";
+/// What was wanted of sites, and what came of it.
+const COMMANDS: &str = "rb.cmd.*.*";
+/// How long that is kept.
+const COMMANDS_KEPT: Duration = Duration::from_secs(90 * 24 * 60 * 60);
+/// For how long before a connection it is read: a site knows for a day what came of a command.
+const COMMANDS_READ: Duration = Duration::from_secs(24 * 60 * 60);
 /// The copies that a stream has, where there are enough servers.
 const REPLICAS: usize = 3;
 
@@ -49,8 +57,18 @@ pub(super) struct Opened {
     streams: Context,
     is_up: watch::Receiver<bool>,
     leases: Ordered,
-    /// The documents of sessions and the last states of sites: subject, payload and number.
-    pub(super) documents: Vec<(String, Vec<u8>, u64)>,
+    commands: Ordered,
+    /// The documents of sessions, the last states of sites, and commands.
+    pub(super) documents: Vec<Document>,
+}
+
+/// A message of a stream.
+pub(super) struct Document {
+    pub(super) subject: String,
+    pub(super) payload: Vec<u8>,
+    pub(super) number: u64,
+    /// How old it is, by the clocks of the servers and of this machine.
+    pub(super) age: Duration,
 }
 
 /// A subscribed connection.
@@ -65,6 +83,8 @@ pub(super) struct Link {
     pub(super) said: Subscriber,
     /// Documents of sessions as they are stored.
     pub(super) leases: Ordered,
+    /// What is wanted of sites and came of it, as it is stored.
+    pub(super) commands: Ordered,
 }
 
 pub(super) fn unusable(path: &Path, reason: &dyn ToString) -> Problem {
@@ -102,7 +122,7 @@ impl HubFiles {
     }
 
     /// The streams that sites and centre need.
-    fn streams(&self) -> [StreamConfig; 3] {
+    fn streams(&self) -> [StreamConfig; 4] {
         let day = Duration::from_secs(24 * 60 * 60);
         let replicas = if self.servers.len() < REPLICAS {
             1
@@ -126,6 +146,10 @@ impl HubFiles {
             },
             stream("STATE", STATES, 1),
             stream("FLEET", "rb.fleet.*.*", 20),
+            StreamConfig {
+                max_age: COMMANDS_KEPT,
+                ..stream("LEDGER", COMMANDS, 3)
+            },
         ]
     }
 }
@@ -182,17 +206,23 @@ impl Opened {
             let stream = streams.get_or_create_stream(config).await;
             made.push(stream.map_err(|error| no_streams(&error))?);
         }
-        let [_, states, fleet] = &made[..] else {
+        let [_, states, fleet, ledger] = &made[..] else {
             return Err(no_streams(&"a stream is missing"));
         };
         let mut documents = Vec::new();
-        let leases = read_last(fleet, LEASES, &mut documents).await?;
-        read_last(states, STATES, &mut documents).await?;
+        let last = DeliverPolicy::LastPerSubject;
+        let leases = read(fleet, (LEASES, last), &mut documents).await?;
+        read(states, (STATES, last), &mut documents).await?;
+        let since = DeliverPolicy::ByStartTime {
+            start_time: (SystemTime::now() - COMMANDS_READ).into(),
+        };
+        let commands = read(ledger, (COMMANDS, since), &mut documents).await?;
         Ok(Opened {
             client,
             streams,
             is_up,
             leases,
+            commands,
             documents,
         })
     }
@@ -215,6 +245,7 @@ impl Opened {
             hellos,
             said,
             leases: self.leases,
+            commands: self.commands,
         })
     }
 }
@@ -227,23 +258,23 @@ impl Link {
     }
 
     /// How a site is asked in this session.
-    pub(super) fn way(&self, site: &str, session: &str) -> SiteWay {
+    pub(super) fn way(&self, site: &str, session: &str, what: &str) -> SiteWay {
         SiteWay {
             client: self.client.clone(),
-            subject: format!("rb.down.{site}.{session}.api"),
+            subject: format!("rb.down.{site}.{session}.{what}"),
             is_up: self.is_up.clone(),
         }
     }
 }
 
-/// Reads the last message of each subject; what comes after them is in the stream that is returned.
-async fn read_last(
+/// Reads these messages; what comes after them is in the stream that is returned.
+async fn read(
     stream: &NatsStream,
-    subjects: &str,
-    into: &mut Vec<(String, Vec<u8>, u64)>,
+    (subjects, deliver_policy): (&str, DeliverPolicy),
+    into: &mut Vec<Document>,
 ) -> Result<Ordered, Problem> {
     let config = OrderedConfig {
-        deliver_policy: DeliverPolicy::LastPerSubject,
+        deliver_policy,
         filter_subject: subjects.to_owned(),
         ..OrderedConfig::default()
     };
@@ -263,12 +294,19 @@ async fn read_last(
         let message = message.map_err(|error| no_streams(&error))?;
         let info = message.info().map_err(|error| no_streams(&error))?;
         left = info.pending;
-        let number = info.stream_sequence;
-        into.push((
-            message.subject.to_string(),
-            message.payload.to_vec(),
-            number,
-        ));
+        into.push(Document {
+            number: info.stream_sequence,
+            age: age(&info),
+            subject: message.subject.to_string(),
+            payload: message.payload.to_vec(),
+        });
     }
     Ok(messages)
+}
+
+/// How old a message is. One of the future is new.
+pub(super) fn age(info: &Info<'_>) -> Duration {
+    let stored = info.published.unix_timestamp_nanos() / 1_000_000;
+    let age = i128::from(millis(SystemTime::now())) - stored;
+    Duration::from_millis(u64::try_from(age).unwrap_or_default())
 }

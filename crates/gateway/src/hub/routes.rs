@@ -1,10 +1,11 @@
 //! What the centre tells over its socket.
 
+use super::command::{self, GivenCommand};
 use super::driver::HubCall;
 use super::site_api;
 use crate::{answer, guard};
 use axum::Router;
-use axum::body::Body;
+use axum::body::{Body, Bytes};
 use axum::extract::{Path, State};
 use axum::http::header::ACCEPT_LANGUAGE;
 use axum::http::{HeaderMap, Method, Response, Uri};
@@ -20,6 +21,7 @@ pub(super) fn router(calls: Calls) -> Router {
     Router::new()
         .route("/fleet/v1/sites", get(sites))
         .route("/fleet/v1/sites/{site}", get(site))
+        .route("/fleet/v1/commands", get(commands))
         .route("/s/{site}/{*path}", any(site_api))
         .fallback(async || answer::problem(&Problem::new(codes::NO_SUCH_PAGE)))
         .with_state(calls)
@@ -28,6 +30,10 @@ pub(super) fn router(calls: Calls) -> Router {
 
 async fn sites(State(calls): State<Calls>) -> Response<Body> {
     answer::json(call(&calls, HubCall::Sites).await)
+}
+
+async fn commands(State(calls): State<Calls>) -> Response<Body> {
+    answer::json(call(&calls, HubCall::Commands).await)
 }
 
 async fn site(State(calls): State<Calls>, Path(name): Path<String>) -> Response<Body> {
@@ -42,12 +48,25 @@ async fn site_api(
     method: Method,
     uri: Uri,
     headers: HeaderMap,
+    body: Bytes,
 ) -> Response<Body> {
     let path = uri.path_and_query().map_or("", |path| path.as_str());
     let path = path.splitn(4, '/').nth(3).unwrap_or_default();
     let language = headers.get(ACCEPT_LANGUAGE);
     let language = language.and_then(|value| value.to_str().ok());
-    let request = site_api::request(&method, &format!("/{path}"), language.unwrap_or_default());
+    let language = language.unwrap_or_default();
+    let path = format!("/{path}");
+    if method == Method::PUT || method == Method::POST {
+        let key = headers.get("idempotency-key");
+        // What is no text is no key.
+        let key = key.map(|key| key.to_str().unwrap_or_default());
+        let given = GivenCommand::new((name, key), (method.as_str(), &path), body, language);
+        return match given {
+            Ok(given) => command::give(&calls, given).await,
+            Err(problem) => answer::problem(&problem),
+        };
+    }
+    let request = site_api::request(&method, &path, language);
     let asked = async { site_api::ask(&calls, &name, request?).await };
     asked
         .await

@@ -1,8 +1,9 @@
 //! The API of a site, asked through the centre: `/s/plant7/api/v1/points` is `/api/v1/points` of
 //! plant7.
 
-use super::driver::{HubCall, since_boot};
+use super::driver::HubCall;
 use super::routes::{Calls, call};
+use crate::nats::since_boot;
 use crate::remote_api;
 use async_nats::client::RequestErrorKind;
 use async_nats::{Client, Request};
@@ -13,15 +14,15 @@ use prost::Message as _;
 use railbus_api::fleet::TRANSIT_HEADER;
 use railbus_api::problem::{Problem, codes};
 use railbus_fleet::API_ANSWER_MAX;
-use railbus_fleet::message::{ApiAnswer, ApiRequest};
+use railbus_fleet::message::{ApiAnswer, ApiRequest, FleetRefusal};
 use railbus_words::width::is_shown;
 use std::time::Duration;
 use tokio::sync::watch;
 
 /// After a site has connected, servers know only after a moment that it listens.
-const INTEREST: Duration = Duration::from_secs(1);
+pub(super) const INTEREST: Duration = Duration::from_secs(1);
 /// How long to wait before asking again meanwhile.
-const INTEREST_STEP: Duration = Duration::from_millis(100);
+pub(super) const INTEREST_STEP: Duration = Duration::from_millis(100);
 /// How long an answer may be on its way that tells how something is now. What it tells of states
 /// has no age, and people look at it as at what is so.
 const TRANSIT_MAX: Duration = Duration::from_secs(2);
@@ -99,12 +100,7 @@ pub(super) async fn ask(
     };
     let answer = ApiAnswer::decode(message.payload).map_err(|error| none(error.to_string()))?;
     if let Some(refusal) = answer.refusal {
-        let said = match refusal.reason.is_empty() {
-            true => refusal.code,
-            false => refusal.reason,
-        };
-        let shown = said.chars().filter(|letter| is_shown(*letter));
-        return Err(none(shown.take(REASON_MAX).collect()));
+        return Err(none(shown(&refusal)));
     }
     let transit = transit(passed, Duration::from_millis(answer.took_ms));
     let is_of_now = !PAST.iter().any(|path| request.path.starts_with(path));
@@ -113,6 +109,16 @@ pub(super) async fn ask(
         return Err(none(format!("its answer was {way:.1} s on the way")));
     }
     response(answer, transit).map_err(none)
+}
+
+/// Why a site, or the ledger, refused something.
+pub(super) fn shown(refusal: &FleetRefusal) -> String {
+    let said = match refusal.reason.is_empty() {
+        true => &refusal.code,
+        false => &refusal.reason,
+    };
+    let shown = said.chars().filter(|letter| is_shown(*letter));
+    shown.take(REASON_MAX).collect()
 }
 
 /// How long an answer was on the way, there and back.
@@ -141,7 +147,7 @@ pub(super) fn request(method: &Method, path: &str, language: &str) -> Result<Api
 }
 
 /// What it answers, as HTTP; or what it lacks.
-fn response(said: ApiAnswer, transit: Duration) -> Result<Response<Body>, String> {
+pub(super) fn response(said: ApiAnswer, transit: Duration) -> Result<Response<Body>, String> {
     let status = u16::try_from(said.status).ok().map(StatusCode::from_u16);
     let Some(Ok(status)) = status else {
         return Err(format!("an answer with status {}", said.status));

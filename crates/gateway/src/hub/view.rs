@@ -1,12 +1,14 @@
 //! What the centre knows, as its API has it.
 
 use railbus_api::fleet::{
-    FleetPoint, FleetPresence, FleetSite, FleetSitePoints, FleetSites, HubConnection,
+    FleetCommand, FleetCommandEnd, FleetCommands, FleetPoint, FleetPresence, FleetSite,
+    FleetSitePoints, FleetSites, HubConnection,
 };
 use railbus_api::problem::Problem;
 use railbus_api::types::Quality;
 use railbus_app::api::past::moment;
 use railbus_fleet::centre::{Centre, KnownPoint, SitePresence, SiteView};
+use railbus_fleet::ledger::{CommandView, Ledger};
 use railbus_fleet::message::{ReadingQuality, UplinkValue};
 use serde_json::Value;
 use std::time::Duration;
@@ -36,6 +38,33 @@ pub(super) fn site_points(view: &SiteView<'_>) -> FleetSitePoints {
         points: points
             .map(|(path, known)| point(view, path, known))
             .collect(),
+    }
+}
+
+/// The newest commands, the newest last.
+pub(super) fn commands(ledger: &Ledger) -> FleetCommands {
+    let command = |view: &CommandView| {
+        let (method, path, body) = view.what.clone();
+        FleetCommand {
+            site: view.site.clone(),
+            id: view.id.clone(),
+            user: view.user.clone(),
+            at: moment(view.at_ms),
+            method,
+            path,
+            body,
+            end: view.end.as_ref().map(|end| FleetCommandEnd {
+                how: end.how.to_owned(),
+                code: end.code.clone(),
+                reason: Some(end.reason.clone()).filter(|reason| !reason.is_empty()),
+                at: moment(end.at_ms),
+            }),
+        }
+    };
+    FleetCommands {
+        schema: SCHEMA,
+        open: ledger.open(),
+        commands: ledger.recent().map(command).collect(),
     }
 }
 

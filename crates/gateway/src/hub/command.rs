@@ -1,0 +1,288 @@
+//! Commands to sites: how one is given, sent, and told of.
+
+use super::driver::HubCall;
+use super::routes::{Calls, call};
+use super::site_api::{self, INTEREST, INTEREST_STEP, SiteWay};
+use crate::access::secret::{hex, random};
+use crate::answer;
+use crate::nats::since_boot;
+use async_nats::Request;
+use async_nats::client::RequestErrorKind;
+use axum::body::{Body, Bytes};
+use axum::http::Response;
+use prost::Message as _;
+use railbus_api::problem::{Problem, ProblemType, codes};
+use railbus_fleet::API_ANSWER_MAX;
+use railbus_fleet::ledger::CommandTold;
+use railbus_fleet::message::{
+    CommandEnd, CommandIntent, CommandRequest, CommandResult, FleetRefusal,
+};
+use railbus_site::{WITHIN_MAX, WITHIN_MIN, Within};
+use railbus_store::history::millis;
+use serde_json::Value;
+use std::time::{Duration, SystemTime};
+
+/// The longest body of a command, in bytes.
+const BODY_MAX: usize = 16 << 10;
+/// How long the end of a command is waited for, besides the time in which it is sent: reading back,
+/// the way, and storing what came of it.
+const END_MAX: Duration = Duration::from_secs(15);
+/// The length of ids, in bytes.
+const ID_LEN: usize = 16;
+
+/// A command as it was given.
+pub(super) struct GivenCommand {
+    pub(super) site: String,
+    pub(super) id: String,
+    /// The caller gave the id: it may have been sent before.
+    is_again: bool,
+    method: String,
+    path: String,
+    body: Bytes,
+    language: String,
+}
+
+/// What came of sending one.
+pub(super) enum SentEnd {
+    /// The site answered.
+    Answer(Vec<u8>),
+    /// Nobody listens at its subject.
+    NotDelivered,
+    /// No answer came.
+    Nothing,
+}
+
+impl GivenCommand {
+    /// The command of this request.
+    ///
+    /// # Errors
+    /// Its key is none, or its body is too long.
+    pub(super) fn new(
+        (site, key): (String, Option<&str>),
+        (method, path): (&str, &str),
+        body: Bytes,
+        language: &str,
+    ) -> Result<GivenCommand, Problem> {
+        let wrong = |reason: &str| Problem::new(codes::BAD_REQUEST).with("reason", reason);
+        if body.len() > BODY_MAX {
+            return Err(wrong("the body is longer than 16 KiB"));
+        }
+        let is_letter = |letter: u8| letter.is_ascii_alphanumeric() || letter == b'-';
+        let id = match key {
+            None => {
+                let id = random::<ID_LEN>().map_err(|error| wrong(&error.to_string()))?;
+                hex(&id)
+            }
+            Some(key) if (1..=64).contains(&key.len()) && key.bytes().all(is_letter) => {
+                key.to_owned()
+            }
+            Some(_) => {
+                return Err(wrong(
+                    "the Idempotency-Key of a command to a site has 1 to 64 letters, digits and \
+                     hyphens",
+                ));
+            }
+        };
+        Ok(GivenCommand {
+            site,
+            id,
+            is_again: key.is_some(),
+            method: method.to_owned(),
+            path: path.to_owned(),
+            body,
+            language: language.to_owned(),
+        })
+    }
+
+    /// The time within which its frames must be sent.
+    fn within(&self) -> Duration {
+        let body: Value = serde_json::from_slice(&self.body).unwrap_or_default();
+        let wanted = body.get("within_ms").and_then(Value::as_u64);
+        let micros = wanted.map_or(Within::DEFAULT.time().0, |ms| ms.saturating_mul(1_000));
+        // The site says what is wrong with another one.
+        Duration::from_micros(micros.clamp(WITHIN_MIN.0, WITHIN_MAX.0))
+    }
+
+    /// How long what came of it is waited for.
+    pub(super) fn wait(&self) -> Duration {
+        self.within() + END_MAX
+    }
+
+    /// What is wanted, of a site in this run, whose time has come so far.
+    pub(super) fn intent(
+        &self,
+        (boot, time_ms): (&[u8], u64),
+        at_ms: i64,
+    ) -> Result<CommandIntent, Problem> {
+        let token = random::<ID_LEN>()
+            .map_err(|error| Problem::new(codes::INTERNAL).with("reason", error.to_string()))?;
+        let within = u64::try_from(self.within().as_millis()).unwrap_or(u64::MAX);
+        Ok(CommandIntent {
+            method: self.method.clone(),
+            path: self.path.clone(),
+            body: self.body.to_vec(),
+            // Only the owner of the centre can open its socket.
+            user: "owner".to_owned(),
+            language: self.language.clone(),
+            boot: boot.to_vec(),
+            valid_until_ms: time_ms.saturating_add(within),
+            at_ms,
+            token: token.to_vec(),
+        })
+    }
+}
+
+/// Gives a command, and says what came of it.
+pub(super) async fn give(calls: &Calls, given: GivenCommand) -> Response<Body> {
+    let (site, id, is_again) = (given.site.clone(), given.id.clone(), given.is_again);
+    let begun = since_boot();
+    let told = match call(calls, |to| HubCall::Command(given, to)).await {
+        Ok(Ok(told)) => told,
+        Ok(Err(problem)) => return answer::problem(&problem),
+        // The centre is stopping: it may have been sent.
+        Err(problem) => return answer::problem(&problem.perhaps_acted(true)),
+    };
+    let open = |reason: &str| {
+        let problem = Problem::new(codes::COMMAND_OPEN).with("name", site.as_str());
+        let problem = problem.with("id", id.as_str()).with("reason", reason);
+        problem.perhaps_acted(true)
+    };
+    let problem = match told {
+        CommandTold::End(end) => match end_of(&site, &end, since_boot().saturating_sub(begun)) {
+            Ok(answer) => return answer,
+            Err(problem) => problem,
+        },
+        CommandTold::Waiting => open("no answer yet; the centre goes on asking the site"),
+        CommandTold::OtherCommand => Problem::new(codes::BAD_REQUEST)
+            .with("reason", "this Idempotency-Key stands for another command"),
+        CommandTold::NotStored if is_again => open("it is not known whether it was sent before"),
+        CommandTold::NotStored => {
+            let reason = "not sent: it could not be written down first";
+            Problem::new(codes::FLEET_NOT_STORED).with("reason", reason)
+        }
+        CommandTold::TooMany => {
+            Problem::new(codes::OVERLOADED).with("reason", "too many commands without an end")
+        }
+    };
+    answer::problem(&problem)
+}
+
+/// What came of a command, as HTTP; the problem if it is none of the site.
+fn end_of(site: &str, end: &CommandEnd, waited: Duration) -> Result<Response<Body>, Problem> {
+    let of = |kind: ProblemType, why: FleetRefusal| {
+        let problem = Problem::new(kind).with("name", site);
+        problem.with("reason", site_api::shown(&why))
+    };
+    match end.end.clone() {
+        Some(CommandResult::Ended(answer)) => {
+            // It says what was so when it was given.
+            let age = millis(SystemTime::now()).saturating_sub(end.at_ms);
+            let age = u64::try_from(age).unwrap_or_default();
+            let took = Duration::from_millis(answer.took_ms);
+            let passed = waited.saturating_sub(took).max(Duration::from_millis(age));
+            site_api::response(answer, passed).map_err(|reason| {
+                Problem::new(codes::COMMAND_OPEN)
+                    .with("name", site)
+                    .with("reason", reason)
+                    .perhaps_acted(true)
+            })
+        }
+        Some(CommandResult::Never(why)) => {
+            let known = [codes::EXPIRED, codes::OVERLOADED, codes::FLEET_NOT_STORED];
+            let kind = known.into_iter().find(|kind| kind.code == why.code);
+            Err(of(kind.unwrap_or(codes::SITE_AWAY), why))
+        }
+        Some(CommandResult::Unknown(why)) => Err(of(codes::COMMAND_OPEN, why).perhaps_acted(true)),
+        // One of a newer version.
+        None => Err(of(codes::COMMAND_OPEN, FleetRefusal::default()).perhaps_acted(true)),
+    }
+}
+
+/// A site that is not there is sent nothing: by when its frames must be sent can't be said, either.
+pub(super) fn offline(site: &str) -> Problem {
+    let problem = Problem::new(codes::SITE_AWAY).with("name", site);
+    problem.with("reason", "it is not online")
+}
+
+/// Sends it to its site.
+pub(super) async fn send(mut way: SiteWay, request: &CommandRequest) -> SentEnd {
+    let (payload, begun) = (Bytes::from(request.encode_to_vec()), since_boot());
+    loop {
+        let asked = Request::new()
+            .payload(payload.clone())
+            .timeout(Some(API_ANSWER_MAX));
+        let answer = tokio::select! {
+            answer = way.client.send_request(way.subject.clone(), asked) => answer,
+            _ = way.is_up.wait_for(|is_up| !is_up) => return SentEnd::Nothing,
+        };
+        match answer {
+            Ok(answer) => return SentEnd::Answer(answer.payload.to_vec()),
+            // After a site has connected, servers know only after a moment that it listens.
+            Err(error) if error.kind() == RequestErrorKind::NoResponders => {
+                if since_boot().saturating_sub(begun) > INTEREST {
+                    return SentEnd::NotDelivered;
+                }
+                tokio::time::sleep(INTEREST_STEP).await;
+            }
+            Err(_) => return SentEnd::Nothing,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn given(key: Option<&str>, body: &str) -> Result<GivenCommand, Problem> {
+        let body = Bytes::from(body.to_owned());
+        GivenCommand::new(("plant7".to_owned(), key), ("PUT", "/x"), body, "")
+    }
+
+    #[test]
+    fn an_id_can_stand_in_a_subject() {
+        let id = |key| given(key, "").map(|given| given.id);
+        assert_eq!(id(Some("a-1")).unwrap(), "a-1");
+        assert_eq!(id(None).unwrap().len(), 32);
+        assert_ne!(id(None).unwrap(), id(None).unwrap());
+        for wrong in ["", "a.b", "*", ">", "a b", "é", &"x".repeat(65)] {
+            assert_eq!(id(Some(wrong)).unwrap_err().code, "E0806", "{wrong:?}");
+        }
+    }
+
+    #[test]
+    fn a_deadline_is_in_the_time_of_the_site() {
+        let until = |body: &str| {
+            let given = given(None, body).unwrap();
+            given.intent((&[7; 16], 1_000), 0).unwrap().valid_until_ms
+        };
+        assert_eq!(until("{\"value\":true}"), 6_000);
+        assert_eq!(until("{\"within_ms\":300}"), 1_300);
+        assert_eq!(until("{\"within_ms\":1}"), 1_200);
+        assert_eq!(until("{\"within_ms\":99999999}"), 61_000);
+        assert_eq!(until("nothing"), 6_000);
+    }
+
+    #[test]
+    fn what_is_not_known_may_have_acted_and_what_never_began_has_not() {
+        let told = |result: Option<CommandResult>| {
+            let end = CommandEnd {
+                intent: None,
+                end: result,
+                at_ms: 0,
+            };
+            let problem = end_of("plant7", &end, Duration::ZERO).unwrap_err();
+            (problem.code, problem.may_have_acted)
+        };
+        let why = |code: &str| FleetRefusal {
+            code: code.to_owned(),
+            reason: String::new(),
+        };
+        for (code, shown) in [("E0106", "E0106"), ("E0105", "E0105"), ("E0999", "E0168")] {
+            let never = Some(CommandResult::Never(why(code)));
+            assert_eq!(told(never), (shown.to_owned(), false));
+        }
+        let unknown = Some(CommandResult::Unknown(why("E0106")));
+        assert_eq!(told(unknown), ("E0169".to_owned(), true));
+        assert_eq!(told(None), ("E0169".to_owned(), true));
+    }
+}
