@@ -42,7 +42,7 @@ const ENVIRONMENT: [(&str, &str); 13] = [
 ];
 
 /// The flag of [`far_flag`]. Other commands have a `--site` of another meaning.
-const FAR: &str = "far-site";
+pub(super) const FAR: &str = "far-site";
 
 /// What the flags say.
 #[derive(Debug)]

@@ -1,5 +1,6 @@
 //! `railbus fleet`: many sites behind one centre.
 
+mod commands;
 mod creds;
 mod get;
 mod init;
@@ -41,6 +42,7 @@ pub(crate) fn define(lang: Lang) -> Command {
     group
         .subcommand(ls::define(lang))
         .subcommand(get::define(lang))
+        .subcommand(commands::define(lang))
 }
 
 fn verb(lang: Lang, name: &'static str, about: FleetText, usage: &'static str) -> Command {
@@ -67,6 +69,7 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         #[cfg(feature = "fleet")]
         serve::NAME => serve::run(lang, matches),
         ls::NAME => ls::run(&context, matches),
+        commands::NAME => commands::run(&context, matches),
         _ => get::run(&context, matches),
     }
 }

@@ -1,5 +1,6 @@
 //! `railbus pulse`: switches an output on for a time.
 
+use super::context::far_flag;
 use super::{Context, set, stop};
 use crate::args;
 use crate::texts::Text;
@@ -33,6 +34,7 @@ pub(crate) fn define(lang: Lang) -> Command {
     let usage = "railbus pulse POINT [DURATION] [--by auto|device|host] [--off]";
     args::verb(lang, NAME, Text::PulseAbout, usage)
         .before_help(args::examples(lang, Text::PulseExamples))
+        .arg(far_flag(lang))
         .arg(
             Arg::new("POINT")
                 .help(lang.get(Text::PulsePoint))

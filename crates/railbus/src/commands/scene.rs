@@ -2,6 +2,7 @@
 
 mod texts;
 
+use super::context::far_flag;
 use super::set::frames;
 use super::set::orders::{Order, State};
 use super::{Context, set, stop};
@@ -30,6 +31,7 @@ pub(crate) fn define(lang: Lang) -> Command {
         args::verb(lang, name, about, usage).before_help(examples)
     };
     let run = verb("run", SceneText::Run, "railbus scene run NAME [-n] [--yes]")
+        .arg(far_flag(lang))
         .arg(
             Arg::new("NAME")
                 .required(true)
@@ -44,7 +46,7 @@ pub(crate) fn define(lang: Lang) -> Command {
     verb(NAME, SceneText::About, "railbus scene COMMAND")
         .subcommand_required(true)
         .subcommand_help_heading(lang.get(Text::Commands))
-        .subcommand(verb("list", SceneText::List, "railbus scene list"))
+        .subcommand(verb("list", SceneText::List, "railbus scene list").arg(far_flag(lang)))
         .subcommand(run)
 }
 

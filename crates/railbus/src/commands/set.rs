@@ -5,6 +5,7 @@ pub(super) mod frames;
 mod group;
 pub(super) mod orders;
 
+use super::context::{FAR, far_flag};
 use super::{Context, stop};
 use crate::args;
 use crate::backend::Backend;
@@ -32,6 +33,7 @@ pub(crate) fn define(lang: Lang) -> Command {
     args::verb(lang, NAME, Text::SetAbout, usage)
         .alias("write")
         .before_help(args::examples(lang, Text::SetExamples))
+        .arg(far_flag(lang))
         .arg(
             Arg::new("TARGET")
                 .help(lang.get(Text::SetTargets))
@@ -43,7 +45,7 @@ pub(crate) fn define(lang: Lang) -> Command {
                 .value_name("STATE")
                 .value_parser(["on", "off"])
                 .hide_possible_values(true)
-                .conflicts_with("TARGET"),
+                .conflicts_with_all(["TARGET", FAR]),
         )
         .arg(args::flag(lang, "confirm", Text::Confirm).value_name("WORD"))
         .arg(

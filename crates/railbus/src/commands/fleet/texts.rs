@@ -12,11 +12,13 @@ railbus_words::texts! {
   railbus fleet creds acme plant7 plant7.creds
   railbus fleet serve acme
   railbus fleet get plant7 oven.k1
+  railbus set -s plant7 oven.k1 on
   railbus fleet revoke acme plant7",
         zh: "  railbus fleet init acme --nats nats1,nats2,nats3
   railbus fleet creds acme plant7 plant7.creds
   railbus fleet serve acme
   railbus fleet get plant7 oven.k1
+  railbus set -s plant7 oven.k1 on
   railbus fleet revoke acme plant7",
     }
     Init {
@@ -63,7 +65,7 @@ railbus_words::texts! {
     Creds {
         en: "Make a key for a site, and write it to a new file. Whoever has the file can \
             report as this site, and be sent its commands.",
-        zh: "为站点生成密钥并写入新文件；持有该文件者即可冒充该站点上报和接收命令。",
+        zh: "为站点生成密钥文件；持有该文件者即可冒充该站点上报和接收命令。",
     }
     Folder { en: "The folder of the fleet", zh: "站群的文件夹" }
     Site { en: "The site: 1 to 64 of a-z, 0-9, - and _", zh: "站点：1 至 64 个 a-z、0-9、- 或 _" }
@@ -122,6 +124,16 @@ railbus_words::texts! {
     }
     Ls { en: "List the sites of the fleet.", zh: "列出站群的站点。" }
     Get { en: "Show the points of a site, as the centre knows them.", zh: "显示中心所知的站点点位。" }
+    CommandsAbout {
+        en: "List the commands that were given to sites through the centre, and what came of them.",
+        zh: "列出经中心下达给站点的命令及其结果。",
+    }
+    Limit { en: "How many, the newest [20]", zh: "显示最新的几条 [20]" }
+    CommandsHead { en: "WHEN|SITE|WHAT|BY|RESULT", zh: "时间|站点|命令|操作者|结果" }
+    Done { en: "done", zh: "已完成" }
+    NotDone { en: "not carried out: {why}", zh: "未执行：{why}" }
+    NoEndYet { en: "no answer yet", zh: "尚无应答" }
+    NeverKnown { en: "not known whether it was carried out", zh: "不知道是否已执行" }
     SiteName { en: "The site", zh: "站点" }
     Points {
         en: "Modules or points, such as oven or oven.k1 [all]",
