@@ -78,9 +78,13 @@ class Hub:
 
     def ask(self, path, method="GET", **headers):
         """What it says there: status, headers and text."""
+        body = None if method == "GET" else '{"value": true}'
+        return self.order(path, method, body, headers)
+
+    def order(self, path, method, body, headers):
+        """The same for a request with this body."""
         connection = SocketConnection(self.socket)
         try:
-            body = None if method == "GET" else '{"value": true}'
             connection.request(method, path, body, headers)
             answer = connection.getresponse()
             return answer.status, answer.headers, answer.read().decode()
@@ -143,6 +147,8 @@ class Site:
         self.asked = []
         # What its API answers, and after how many seconds.
         self.api, self.late = None, 0.0
+        # The commands that it was sent, and its answers to the next ones; none is no answer.
+        self.heard, self.commands = [], []
         self.began = time.monotonic()
         self.key_ends = int(time.time()) + KEY_ENDS
         self.run(self._start())
@@ -156,7 +162,12 @@ class Site:
 
         async def note(message):
             self.asked.append(tuple(message.subject.split(".")[3:]))
-            if message.subject.endswith(".api") and self.api:
+            if message.subject.endswith(".cmd"):
+                self.heard.append(self.form.CommandRequest.FromString(message.data))
+                answer = self.commands.pop(0) if self.commands else None
+                if answer:
+                    await message.respond(answer.SerializeToString())
+            elif message.subject.endswith(".api") and self.api:
                 await asyncio.sleep(self.late)
                 await message.respond(self.api.SerializeToString())
             elif message.reply:
@@ -285,7 +296,7 @@ def asked_through(s, hub):
     zh = hub.ask(far + "/points/oven/k9", **{"accept-language": "zh"})[2]
     s.check(entry, any("\u4e00" <= letter <= "\u9fff" for letter in zh), True, zh)
     for path, method, want in (
-            ("/points/oven/k2", "PUT", (403, "E0937")), ("/ops", "POST", (403, "E0937")),
+            ("/points/oven/k2", "PUT", (403, "E0905")), ("/ops", "POST", (403, "E0937")),
             ("/watch", "GET", (403, "E0937")), ("/events/stream", "GET", (403, "E0937")),
             ("/ws", "GET", (403, "E0937")), ("/users", "GET", (403, "E0905")),
             ("/config", "GET", (403, "E0905")), ("/site", "GET", (404, "E0110")),

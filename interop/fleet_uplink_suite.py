@@ -104,9 +104,9 @@ def talks(s):
     ids = [headers["Nats-Msg-Id"] for headers, _ in s.centre.stored()]
     s.check(entry, len(ids), len(set(ids)), "every message once")
     s.check(entry, s.state()[0], "running", "how it says it does")
-    answer = form.ResendAnswer.FromString(s.centre.ask(f"rb.down.{SITE}.session-1.cmd"))
+    answer = form.ResendAnswer.FromString(s.centre.ask(f"rb.down.{SITE}.session-1.later"))
     s.check(entry, answer.refusal.code, "E0110", "what this version does not know")
-    s.check(entry, s.centre.ask(f"rb.down.{SITE}.session-0.cmd"), None, "another session")
+    s.check(entry, s.centre.ask(f"rb.down.{SITE}.session-0.later"), None, "another session")
     tried = s.ask("POST", f"/outlets/fleet/{s.name}/test")
     s.check(entry, tried["answer"].startswith(f"{SITE}, nats-server 2."), True, str(tried))
 

@@ -102,6 +102,7 @@ def daemons(words):
     not get round to for a silent one: not together with all the others."""
     import exports_suite
     import faults_suite
+    import fleet_command_suite
     import fleet_hub_suite
     import fleet_suite
     import fleet_uplink_suite
@@ -118,10 +119,11 @@ def daemons(words):
     import sparkplug_suite
 
     # The longest first.
-    return chosen((exports_suite, faults_suite, modbus_tcp_suite, modbus_security_suite,
-                   modbus_rtu_suite, modbus_line_suite, mqtt_suite, mqtt_replay_suite,
-                   sparkplug_suite, sparkplug_host_suite, opcua_suite, opcua_node_suite,
-                   one_truth_suite, fleet_suite, fleet_uplink_suite, fleet_hub_suite), words)
+    return chosen((fleet_command_suite, exports_suite, faults_suite, modbus_tcp_suite,
+                   modbus_security_suite, modbus_rtu_suite, modbus_line_suite, mqtt_suite,
+                   mqtt_replay_suite, sparkplug_suite, sparkplug_host_suite, opcua_suite,
+                   opcua_node_suite, one_truth_suite, fleet_suite, fleet_uplink_suite,
+                   fleet_hub_suite), words)
 
 
 def alone(words):

@@ -719,6 +719,22 @@ two processes of the centre
 a centre without servers
 """
 
+FLEET_COMMANDS = """
+a far output: {switched,over,a pulse,several,a group,a scene}
+a far output: the audit log of the site says who
+a far output: {not among those allowed,locked,of a dead module}
+a key: once, whoever repeats it
+a key: not for another command
+a command: written down, then its end, and nothing else
+a command: {no answer,nobody there,refused,not known for ever}
+a command that is late: not carried out
+a site that is killed meanwhile: what is said of it is so
+a centre that is killed meanwhile: another one ends it
+two processes of the centre: one end
+what was sent twice: carried out once
+what is only asked: not carried out
+"""
+
 FLEET_LEADERS = """
 leaders that die
 """
@@ -764,6 +780,7 @@ TABLES = {
     "fleet": FLEET,
     "fleet, a site": FLEET_SITE,
     "fleet, the centre": FLEET_HUB,
+    "fleet, commands": FLEET_COMMANDS,
     "fleet, leaders": FLEET_LEADERS,
     "Modbus RTU slave": MODBUS_RTU_SLAVE,
 }
