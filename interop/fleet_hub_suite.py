@@ -151,13 +151,14 @@ class Site:
         self.heard, self.commands = [], []
         self.began = time.monotonic()
         self.key_ends = int(time.time()) + KEY_ENDS
-        self.run(self._start())
+        self.run(self.connect())
 
     def run(self, what):
         """Does this on its thread."""
         return asyncio.run_coroutine_threadsafe(what, self.loop).result(2 * PATIENCE)
 
-    async def _start(self):
+    async def connect(self):
+        """Connects."""
         self.client = await self.fleet.site(self.name)
 
         async def note(message):

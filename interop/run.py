@@ -78,7 +78,7 @@ def build():
     of_rig = ["--manifest-path", str(rig.ROOT / "interop/rig/Cargo.toml")]
     of_rig += ["--target-dir", str(rig.target() / "interop-rig")]
     subprocess.run(command + of_rig, check=True)
-    daemon.build()
+    daemon.build(always=True)
 
 
 def suites(words):

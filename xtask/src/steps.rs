@@ -1,12 +1,13 @@
 //! A list of steps, run to its end whatever fails, some in the background, and a table of the
 //! results.
 
+use std::panic::{self, AssertUnwindSafe};
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{self, Receiver, Sender};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use crate::run::{self, Result};
+use crate::run::{self, Error, Result};
 
 /// The result of a step.
 #[derive(Clone, Debug, PartialEq)]
@@ -64,8 +65,14 @@ impl Background {
         thread::spawn(move || {
             for Job { name, root, step } in waiting {
                 run::lead_with(name);
+                // One that panics has failed, and the next ones are run all the same.
+                let run = || step(&root);
+                let row = timed(name, || {
+                    panic::catch_unwind(AssertUnwindSafe(run))
+                        .unwrap_or_else(|_| Err(Error::new("it panicked", "what it said is above")))
+                });
                 // Fails when the run is over.
-                let _ = ended.send(timed(name, || step(&root)));
+                let _ = ended.send(row);
             }
         });
         Self {
@@ -78,25 +85,33 @@ impl Background {
     /// Runs a step when those before it in the background have ended.
     pub(crate) fn run(&mut self, name: &'static str, root: &Path, step: fn(&Path) -> Result<()>) {
         let root = root.to_path_buf();
+        // It can't fail: the thread ends with this.
         let sent = self.jobs.send(Job { name, root, step });
-        // It fails if a step has panicked; the next wait tells.
         self.running += usize::from(sent.is_ok());
     }
 
     /// Waits until nothing runs in the background any more.
     pub(crate) fn wait(&mut self, summary: &mut Summary) {
-        while self.running > 0 {
+        self.wait_until(summary, |_| false);
+    }
+
+    /// Waits until the step of this name has ended, if it was sent there.
+    pub(crate) fn wait_for(&mut self, name: &str, summary: &mut Summary) {
+        self.wait_until(summary, |summary| summary.has_ended(name));
+    }
+
+    fn wait_until(&mut self, summary: &mut Summary, is_over: impl Fn(&Summary) -> bool) {
+        while self.running > 0 && !is_over(summary) {
             let Ok(row) = self.rows.recv() else {
-                let why = String::from("a step has panicked; what it said is above");
-                summary
-                    .rows
-                    .push(("background", End::Failed(why), Duration::ZERO));
+                let why = String::from("its thread has ended");
+                let row = ("background", End::Failed(why), Duration::ZERO);
+                summary.rows.push(row);
+                self.running = 0;
                 break;
             };
             summary.rows.push(row);
             self.running -= 1;
         }
-        self.running = 0;
     }
 }
 
@@ -104,6 +119,11 @@ impl Summary {
     /// Runs one step under a header and records its result and duration.
     pub(crate) fn run(&mut self, name: &'static str, step: impl FnOnce() -> Result<()>) {
         self.rows.push(timed(name, step));
+    }
+
+    /// Whether a step has ended, or was left out.
+    fn has_ended(&self, name: &str) -> bool {
+        self.rows.iter().any(|row| row.0 == name)
     }
 
     /// Whether a step was run and has passed.
@@ -169,7 +189,6 @@ fn seconds(time: Duration) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::run::Error;
 
     #[test]
     fn a_step_in_the_background_that_fails_or_panics_fails_the_run() {
@@ -181,8 +200,9 @@ mod tests {
             background.run("first", Path::new("."), step);
             background.wait(&mut summary);
             background.run("second", Path::new("."), |_| Ok(()));
-            background.wait(&mut summary);
+            background.wait_for("second", &mut summary);
             assert!(!summary.passed(), "{}", summary.table());
+            assert!(!summary.has_passed("first") && summary.has_passed("second"));
         }
     }
 

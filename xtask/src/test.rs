@@ -105,18 +105,22 @@ const STEPS: &[Step] = &[
         .in_background(),
     with_peers("firmware-check", |root| firmware::check(root, &[])).in_background(),
     with_peers("images", firmware::images).in_background(),
-    step("bench build", |root| BENCH.build(root))
+    with_peers("bench build", |root| BENCH.build(root))
         .unless(|root| BENCH.missing(root))
         .in_background(),
     step("tests", |root| nextest(root, ALL)),
     with_peers("browser", web::test),
-    with_peers("interop", interop).unless(no_interop),
+    // They judge by time, too: nothing else may use the machine.
+    with_peers("interop", interop).unless(no_interop).alone(),
     with_peers("api", |root| run::run(python(root).arg(API))).unless(|root| missing(root, API)),
     with_peers("homeassistant", |root| {
         run::run(python(root).arg(HOME_ASSISTANT))
     })
-    .unless(no_home_assistant),
-    with_peers("judge", |root| programs::judge(root, &[])).unless(|root| missing(root, JUDGE)),
+    .unless(no_home_assistant)
+    .alone(),
+    with_peers("judge", |root| programs::judge(root, &[]))
+        .unless(|root| missing(root, JUDGE))
+        .alone(),
     with_peers("firmware", firmware::trials).alone(),
     with_peers("bench", |root| start(&BENCH, root, &["--check"]))
         .unless(|root| BENCH.missing(root))
@@ -134,7 +138,13 @@ enum Peers {
 
 /// The steps that install them: what Debian has, which other steps need, too, and the rest.
 const DEBIAN: &str = "peers";
-const PACKAGES: Step = step("packages", packages).in_background();
+const PACKAGES: Step = step("packages", peers::packages).in_background();
+/// Home Assistant takes minutes to install, and only its own step needs it, which tries again.
+const HOME: Step = step("homeassistant install", |root| {
+    run::run(python(root).args([HOME_ASSISTANT, "--install"]))
+})
+.unless(no_home_assistant)
+.in_background();
 
 const WITHOUT_PEERS: &str = "--without-peers";
 
@@ -167,6 +177,7 @@ pub(crate) fn run(root: &Path, args: &[String]) -> Result<()> {
         Wanted::All => {
             plan.summary.run(DEBIAN, || peers::debian(root));
             plan.background.run(PACKAGES.name, root, PACKAGES.run);
+            plan.step(&HOME);
             STEPS
         }
     };
@@ -219,7 +230,7 @@ impl Plan<'_> {
     /// Whether they are there; waits until they are installed.
     fn peers(&mut self) -> Peers {
         *self.peers.get_or_insert_with(|| {
-            self.background.wait(&mut self.summary);
+            self.background.wait_for(PACKAGES.name, &mut self.summary);
             let there = [DEBIAN, PACKAGES.name]
                 .iter()
                 .all(|name| self.summary.has_passed(name));
@@ -239,16 +250,6 @@ fn wanted(args: &[String]) -> Result<Wanted> {
             "the only arguments are `--quick` and `--without-peers`, one of them",
         )),
     }
-}
-
-/// What does not come from Debian; most of it takes long to come and little to install.
-fn packages(root: &Path) -> Result<()> {
-    let ours = peers::packages(root);
-    if no_home_assistant(root).is_some() {
-        return ours;
-    }
-    let install = || run::run(python(root).args([HOME_ASSISTANT, "--install"]));
-    ours.and_then(|()| install())
 }
 
 fn always(_: &Path) -> Option<String> {

@@ -10,6 +10,7 @@
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::{Mutex, PoisonError};
 use std::time::SystemTime;
 
 use crate::programs;
@@ -43,6 +44,9 @@ enum Node {
 impl Node {
     /// The system's, or else the Python package's, which is installed if it is missing.
     fn find(root: &Path) -> Result<Node> {
+        // Steps run at the same time: one installs it, and the others find it.
+        static ONE: Mutex<()> = Mutex::new(());
+        let _one = ONE.lock().unwrap_or_else(PoisonError::into_inner);
         let system = run::read(run::program(root, "node").arg("--version"));
         let has_npm = || run::works(run::program(root, "npm").arg("--version"));
         if system.is_ok_and(|version| new_enough(&version)) && has_npm() {

@@ -156,9 +156,13 @@ pub struct FleetCommandEnd {
     /// `answered`: the site said what came of it. `never`: it was not carried out. `unknown`:
     /// whether it was is not known.
     pub how: String,
-    /// The code of the problem, if there was one.
+    /// The code of the problem, if there was one; of several outputs that of the first. `HTTP` and
+    /// the status if the answer was none of railbus.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub code: Option<String>,
+    /// How the output is known to be so, as the site said it: `readback`, `reply` or `sent`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub confirmed: Option<String>,
     /// Why it was not carried out, or that is not known, in English.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,

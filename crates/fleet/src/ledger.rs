@@ -8,8 +8,8 @@ mod recent;
 
 use crate::centre::StoreEnd;
 use crate::message::{
-    ApiAnswer, CommandAnswer, CommandEnd, CommandIntent, CommandKind, CommandOutcome,
-    CommandRecord, CommandRequest, CommandResult, FleetRefusal,
+    CommandAnswer, CommandEnd, CommandIntent, CommandKind, CommandOutcome, CommandRecord,
+    CommandRequest, CommandResult, FleetRefusal,
 };
 use prost::Message as _;
 pub use recent::{CommandView, EndView};
@@ -20,20 +20,29 @@ use std::time::Duration;
 
 /// The most commands without an end of which new ones are taken.
 const GIVEN_MAX: usize = 4_096;
+/// The same of one site: one that does not answer must not stop commands to the others.
+const OF_SITE_MAX: usize = 64;
 /// The same with those of other centres.
 const OPEN_MAX: usize = 8_192;
 /// The most callers that wait for one command.
 const CALLERS_MAX: usize = 64;
-/// The most sites being asked what came of a command.
+/// How many commands are asked for at a time, and how many of one site.
 const ASKED_MAX: usize = 64;
+const ASKED_OF_SITE_MAX: usize = 4;
 /// How long another centre is given to end its own command.
 const TAKEN_OVER: Duration = Duration::from_secs(60);
 /// After so long sites are asked what came of a command, and twice as long each time.
 const ASK: Duration = Duration::from_secs(2);
 /// The longest time between.
 const ASK_MAX: Duration = Duration::from_secs(60);
-/// How long until an end is stored again that could not be.
+/// How long until an end is stored again that could not be, and how often.
 const STORE_AGAIN: Duration = Duration::from_secs(5);
+const STORES_MAX: u32 = 120;
+/// How long until a record is read again that was not there yet, and how often.
+const READ_AGAIN: Duration = Duration::from_secs(1);
+const READS_MAX: u32 = 5;
+/// The longest answer of a site, in bytes.
+const ANSWER_MAX: usize = 64 << 10;
 /// How long it is asked what came of a command. A site knows it for a day.
 const KNOWN: Duration = Duration::from_secs(23 * 60 * 60);
 
@@ -49,12 +58,12 @@ pub enum LedgerInput<'i> {
     Lost,
     /// A command is wanted, by the caller with this number, who waits for its end for so long.
     Given(u64, CommandName<'i>, CommandIntent, Duration),
-    /// A record, with its number in the stream, and how old it is.
-    Record(CommandName<'i>, &'i [u8], u64, Duration),
+    /// A record, with its number in the stream.
+    Record(CommandName<'i>, &'i [u8], u64),
     /// The result of [`LedgerOutput::Store`] with this number.
     Stored(CommandName<'i>, u64, StoreEnd),
-    /// The result of [`LedgerOutput::Read`] with this number: [`None`] if that failed, otherwise
-    /// the last record and its number in the stream.
+    /// The result of [`LedgerOutput::Read`] with this number: the last record and its number in the
+    /// stream; none if there is none, or that failed.
     Read(CommandName<'i>, u64, Option<(&'i [u8], u64)>),
     /// The result of [`LedgerOutput::Send`] with this number.
     Said(CommandName<'i>, u64, SiteSaid<'i>),
@@ -103,6 +112,8 @@ pub enum CommandTold {
     End(Arc<CommandEnd>),
     /// That is not known yet. The site is asked on.
     Waiting,
+    /// Whether the id stands for a command is not known.
+    NotKnown,
     /// The id stands for another command. Nothing was sent.
     OtherCommand,
     /// It could not be written down. For this caller nothing was sent, and nothing will be.
@@ -116,8 +127,8 @@ pub enum CommandTold {
 enum Stage {
     /// That it is wanted is being stored.
     Storing,
-    /// It is read what this id stands for.
-    Reading,
+    /// It is read what this id stands for; or when it is again, and how often it was.
+    Reading(Option<Duration>, u32),
     /// It could not be stored, and nothing was sent. If it was stored after all, it is ended: that
     /// is waited for until then.
     Dropped(Duration),
@@ -126,8 +137,9 @@ enum Stage {
     /// What came of it is not known: the number of its record, when the site is asked, if it is
     /// not being asked, and how often it was.
     Open(u64, Option<Duration>, u32),
-    /// What came of it is being stored after the record with this number; or when it is, again.
-    Ending(u64, Arc<CommandEnd>, Option<Duration>),
+    /// What came of it is being stored after the record with this number; or when it is, again, and
+    /// how often it was.
+    Ending(u64, Arc<CommandEnd>, Option<Duration>, u32),
 }
 
 #[derive(Debug)]
@@ -137,6 +149,8 @@ struct Command {
     /// The number of what is under way for it. Results of anything else are of an earlier command
     /// of this name, or came too late.
     pending: u64,
+    /// What is wanted under this id, as it is in the stream, with its number there.
+    seen: Option<(u64, CommandIntent)>,
     /// Who waits for its end, and until when.
     callers: Vec<(u64, Duration)>,
     /// Until when its site is asked.
@@ -151,8 +165,6 @@ pub struct Ledger {
     is_connected: bool,
     /// The number of the last thing that has a result.
     number: u64,
-    /// How many sites are being asked what came of a command.
-    asked: usize,
     /// Nothing is due before.
     due: Option<Duration>,
     recent: Recent,
@@ -194,9 +206,9 @@ impl Ledger {
             LedgerInput::Given(number, name, intent, wait) => {
                 self.given(number, name, intent, (now, now + wait));
             }
-            LedgerInput::Record(name, payload, number, age) => {
+            LedgerInput::Record(name, payload, number) => {
                 match CommandRecord::decode(payload).map(|record| record.record) {
-                    Ok(Some(record)) => self.record(now, name, record, (number, age)),
+                    Ok(Some(record)) => self.record(now, name, record, number),
                     Ok(None) | Err(_) => self.unreadable += 1,
                 }
             }
@@ -242,94 +254,111 @@ impl Ledger {
     fn step(&mut self, now: Duration) -> Option<Duration> {
         let mut next: Option<Duration> = None;
         let mut at = |due: Duration| next = Some(next.map_or(due, |next| next.min(due)));
-        let is_over = |command: &Command| matches!(command.stage, Stage::Dropped(by) if by <= now);
-        self.open.retain(|_, command| !is_over(command));
+        self.open.retain(|_, command| command.goes_on(now));
+        let mut to_ask = Vec::new();
+        let (mut asked, mut of_site) = (0, BTreeMap::<&str, usize>::new());
         for ((site, id), command) in &mut self.open {
-            let stage = &command.stage;
-            command.callers.retain(|(number, until)| {
-                if *until > now {
-                    at(*until);
-                    return true;
-                }
-                let told = match stage {
-                    Stage::Ending(_, end, _) => CommandTold::End(Arc::clone(end)),
-                    _ => CommandTold::Waiting,
-                };
-                self.outputs.push_back(LedgerOutput::Tell(*number, told));
-                false
-            });
-            if let Stage::Dropped(by) = stage {
-                at(*by);
+            command.tell_late(now, &mut at, &mut self.outputs);
+            if let Stage::Dropped(by) = command.stage {
+                at(by);
             }
             if !self.is_connected {
                 continue;
             }
-            if matches!(command.stage, Stage::Open(..)) {
-                at(command.known_until);
-            }
+            let mut again = None;
             match &mut command.stage {
-                Stage::Open(number, ask_at, _) if command.known_until <= now => {
-                    self.asked = self.asked.saturating_sub(usize::from(ask_at.is_none()));
+                Stage::Open(number, _, _) if command.known_until <= now => {
                     let lost = refusal("E0169", "the site did not say what came of it for a day");
                     let end = end(&command.intent, CommandResult::Unknown(lost), self.clock_ms);
-                    command.stage = Stage::Ending(*number, end, Some(now));
+                    command.stage = Stage::Ending(*number, end, Some(now), 0);
+                    command.pending = 0;
                     at(now);
                 }
-                Stage::Open(_, ask_at @ Some(_), _) => {
-                    let due = ask_at.unwrap_or_default();
-                    if due > now || self.asked >= ASKED_MAX {
-                        // Asked as soon as an answer comes.
-                        if due > now {
-                            at(due);
-                        }
-                        continue;
-                    }
-                    *ask_at = None;
-                    self.asked += 1;
-                    self.number += 1;
-                    command.pending = self.number;
-                    let request = request(id, &command.intent, true);
-                    let send = LedgerOutput::Send(self.number, site.clone(), request);
-                    self.outputs.push_back(send);
+                Stage::Open(_, None, _) => {
+                    at(command.known_until);
+                    asked += 1;
+                    *of_site.entry(site).or_default() += 1;
                 }
-                Stage::Ending(number, end, again @ Some(_)) => {
-                    let due = again.unwrap_or_default();
-                    if due > now {
-                        at(due);
-                        continue;
+                Stage::Open(_, Some(due), _) => {
+                    at(command.known_until);
+                    match *due > now {
+                        true => at(*due),
+                        false => to_ask.push((*due, site.clone(), id.clone())),
                     }
-                    *again = None;
-                    self.number += 1;
-                    command.pending = self.number;
-                    self.outputs.push_back(LedgerOutput::Store {
-                        number: self.number,
-                        site: site.clone(),
-                        id: id.clone(),
-                        payload: record(CommandKind::End((**end).clone())),
-                        after: *number,
-                    });
+                }
+                Stage::Reading(due @ Some(_), _) | Stage::Ending(_, _, due @ Some(_), _) => {
+                    let is_due = due.is_some_and(|due| due <= now);
+                    due.filter(|_| !is_due).into_iter().for_each(&mut at);
+                    if is_due {
+                        again = due.take();
+                    }
                 }
                 _ => {}
+            }
+            if again.is_none() {
+                continue;
+            }
+            self.number += 1;
+            command.pending = self.number;
+            let (site, id) = (site.clone(), id.clone());
+            self.outputs.push_back(match &command.stage {
+                Stage::Ending(after, end, ..) => LedgerOutput::Store {
+                    number: self.number,
+                    site,
+                    id,
+                    payload: record(CommandKind::End((**end).clone())),
+                    after: *after,
+                },
+                _ => LedgerOutput::Read(self.number, site, id),
+            });
+        }
+        // Who has waited longest is first, and no site takes all places.
+        to_ask.sort_unstable();
+        let mut of_site: BTreeMap<String, usize> = of_site
+            .into_iter()
+            .map(|(site, count)| (site.to_owned(), count))
+            .collect();
+        for (_, site, id) in to_ask {
+            let of_it = of_site.entry(site.clone()).or_default();
+            // The others are asked as soon as an answer comes.
+            if asked < ASKED_MAX && *of_it < ASKED_OF_SITE_MAX {
+                asked += 1;
+                *of_it += 1;
+                self.ask((site, id));
             }
         }
         next
     }
 
+    /// Asks a site what came of a command.
+    fn ask(&mut self, key: (String, String)) {
+        let Some(command) = self.open.get_mut(&key) else {
+            return;
+        };
+        if let Stage::Open(_, ask_at, _) = &mut command.stage {
+            *ask_at = None;
+        }
+        self.number += 1;
+        command.pending = self.number;
+        let request = request(&key.1, &command.intent, true);
+        let send = LedgerOutput::Send(self.number, key.0, request);
+        self.outputs.push_back(send);
+    }
+
     /// Whatever was under way is not known to have happened.
     fn lost(&mut self, now: Duration) {
         self.is_connected = false;
-        self.asked = 0;
         // What callers are told is independent of the connection.
         let is_told = |output: &LedgerOutput| matches!(output, LedgerOutput::Tell(..));
         self.outputs.retain(is_told);
         for command in self.open.values_mut() {
             command.pending = 0;
             match &mut command.stage {
-                stage @ (Stage::Storing | Stage::Reading) => {
+                stage @ (Stage::Storing | Stage::Reading(..)) => {
                     let told = match stage {
                         Stage::Storing => CommandTold::NotStored,
                         // Another centre carries it out.
-                        _ => CommandTold::Waiting,
+                        _ => CommandTold::NotKnown,
                     };
                     for (number, _) in command.callers.drain(..) {
                         let told = LedgerOutput::Tell(number, told.clone());
@@ -339,7 +368,7 @@ impl Ledger {
                 }
                 Stage::Sent(number) => command.stage = Stage::Open(*number, Some(now), 0),
                 Stage::Open(_, ask_at @ None, _) => *ask_at = Some(now),
-                Stage::Ending(_, _, again @ None) => *again = Some(now),
+                Stage::Ending(_, _, again @ None, _) => *again = Some(now),
                 _ => {}
             }
         }
@@ -360,9 +389,8 @@ impl Ledger {
         if let Some(command) = self.open.get_mut(&key) {
             let told = match &command.stage {
                 _ if !is_same(&command.intent, &intent) => CommandTold::OtherCommand,
-                // It is not known whether the id stands for a command.
-                Stage::Dropped(_) => CommandTold::Waiting,
-                Stage::Ending(_, end, _) => CommandTold::End(Arc::clone(end)),
+                Stage::Dropped(_) => CommandTold::NotKnown,
+                Stage::Ending(_, end, ..) => CommandTold::End(Arc::clone(end)),
                 _ if command.callers.len() >= CALLERS_MAX => CommandTold::TooMany,
                 _ => {
                     command.callers.push((number, until));
@@ -374,7 +402,10 @@ impl Ledger {
         if !self.is_connected {
             return self.tell(number, CommandTold::NotStored);
         }
-        if self.open.len() >= GIVEN_MAX {
+        let first = (key.0.clone(), String::new());
+        let of_site = self.open.range(first..);
+        let of_site = of_site.take_while(|((its, _), _)| *its == key.0).count();
+        if self.open.len() >= GIVEN_MAX || of_site >= OF_SITE_MAX {
             return self.tell(number, CommandTold::TooMany);
         }
         self.number += 1;
@@ -389,6 +420,7 @@ impl Ledger {
             intent,
             stage: Stage::Storing,
             pending: self.number,
+            seen: None,
             callers: vec![(number, until)],
             known_until: now + KNOWN,
         };
@@ -396,35 +428,28 @@ impl Ledger {
     }
 
     /// A record is in the stream.
-    fn record(
-        &mut self,
-        now: Duration,
-        name: CommandName<'_>,
-        record: CommandKind,
-        (number, age): (u64, Duration),
-    ) {
+    fn record(&mut self, now: Duration, name: CommandName<'_>, record: CommandKind, number: u64) {
         self.recent.add(view_of(name, &record));
         let key = (name.0.to_owned(), name.1.to_owned());
         match (record, self.open.get_mut(&key)) {
             (CommandKind::Intent(intent), Some(command)) => {
                 // The same id may be of another centre, which sent it.
                 let is_ours = intent.token == command.intent.token;
-                if is_ours && matches!(command.stage, Stage::Dropped(_)) {
-                    // It was not sent, as its caller was told.
-                    let never = refusal("E0164", "it was not known whether it could be stored");
-                    let end = end(&command.intent, CommandResult::Never(never), self.clock_ms);
-                    command.stage = Stage::Ending(number, end, Some(now));
+                command.seen = Some((number, intent));
+                match command.stage {
+                    Stage::Dropped(_) if is_ours => self.never_sent(now, &key, number),
+                    _ => {}
                 }
             }
             (CommandKind::Intent(intent), None) => {
                 if self.open.len() < OPEN_MAX {
-                    let left = KNOWN.saturating_sub(age);
                     let command = Command {
                         intent,
                         stage: Stage::Open(number, Some(now + TAKEN_OVER), 0),
                         pending: 0,
+                        seen: None,
                         callers: Vec::new(),
-                        known_until: now + left,
+                        known_until: now + KNOWN,
                     };
                     self.open.insert(key, command);
                 }
@@ -434,18 +459,28 @@ impl Ledger {
         }
     }
 
+    /// It was stored after all, and not sent, as its caller was told.
+    fn never_sent(&mut self, now: Duration, key: &(String, String), number: u64) {
+        if let Some(command) = self.open.get_mut(key) {
+            let never = refusal("E0164", "it was not known whether it could be stored");
+            let end = end(&command.intent, CommandResult::Never(never), self.clock_ms);
+            command.stage = Stage::Ending(number, end, Some(now), 0);
+            command.pending = 0;
+        }
+    }
+
     /// The end of a command is stored: its callers are told.
     fn ended(&mut self, key: &(String, String), end: &Arc<CommandEnd>) {
         let Some(command) = self.open.remove(key) else {
             return;
         };
-        if matches!(command.stage, Stage::Open(_, None, _)) {
-            self.asked = self.asked.saturating_sub(1);
-        }
-        let is_it = end
-            .intent
-            .as_ref()
-            .is_some_and(|intent| is_same(intent, &command.intent));
+        // It may have been sent: then the end is of this command, whatever it says of which it is.
+        let is_it = match (&command.stage, &end.intent) {
+            (Stage::Storing | Stage::Reading(..) | Stage::Dropped(_), Some(intent)) => {
+                is_same(intent, &command.intent)
+            }
+            _ => true,
+        };
         for (number, _) in command.callers {
             let told = match is_it {
                 true => CommandTold::End(Arc::clone(end)),
@@ -470,36 +505,40 @@ impl Ledger {
                     .push_back(LedgerOutput::Send(self.number, site.to_owned(), request));
             }
             (Stage::Storing, StoreEnd::Conflict) => {
-                command.stage = Stage::Reading;
-                self.number += 1;
-                command.pending = self.number;
-                let read = LedgerOutput::Read(self.number, key.0, key.1);
-                self.outputs.push_back(read);
+                command.stage = Stage::Reading(Some(now), 0);
             }
             (Stage::Storing, StoreEnd::Unknown) => {
                 // Sending it would be possible only if it is known to be written down.
                 let callers = std::mem::take(&mut command.callers);
                 command.stage = Stage::Dropped(now + TAKEN_OVER);
+                let seen = command.seen.as_ref();
+                let seen = seen.filter(|(_, intent)| intent.token == command.intent.token);
+                let seen = seen.map(|(number, _)| *number);
                 for (number, _) in callers {
                     self.tell(number, CommandTold::NotStored);
                 }
+                if let Some(number) = seen {
+                    self.never_sent(now, &key, number);
+                }
             }
-            (Stage::Ending(_, end, None), StoreEnd::Stored(_)) => {
+            (Stage::Ending(_, end, None, _), StoreEnd::Stored(_)) => {
                 let end = Arc::clone(end);
                 self.recent
                     .add(view_of((site, id), &CommandKind::End((*end).clone())));
                 self.ended(&key, &end);
             }
             // Another centre was first: its end is the end.
-            (Stage::Ending(_, _, again @ None), StoreEnd::Conflict) => {
+            (Stage::Ending(_, _, again @ None, tries), StoreEnd::Conflict) => {
                 *again = Some(now + STORE_AGAIN);
+                *tries += 1;
                 self.number += 1;
                 command.pending = self.number;
                 let read = LedgerOutput::Read(self.number, key.0, key.1);
                 self.outputs.push_back(read);
             }
-            (Stage::Ending(_, end, again @ None), StoreEnd::Unknown) => {
+            (Stage::Ending(_, end, again @ None, tries), StoreEnd::Unknown) => {
                 *again = Some(now + STORE_AGAIN);
+                *tries += 1;
                 // What came of it is known all the same.
                 let told = CommandTold::End(Arc::clone(end));
                 for (number, _) in std::mem::take(&mut command.callers) {
@@ -520,10 +559,10 @@ impl Ledger {
             let record = CommandRecord::decode(payload).ok()?.record?;
             Some((record, number))
         });
-        match (found, &command.stage) {
+        match (found, &mut command.stage) {
             (Some((CommandKind::End(end), _)), _) => self.ended(&key, &Arc::new(end)),
             // Another centre carries it out.
-            (Some((CommandKind::Intent(intent), number)), Stage::Reading) => {
+            (Some((CommandKind::Intent(intent), number)), Stage::Reading(..)) => {
                 let callers = match is_same(&intent, &command.intent) {
                     true => Vec::new(),
                     false => std::mem::take(&mut command.callers),
@@ -534,13 +573,20 @@ impl Ledger {
                     self.tell(number, CommandTold::OtherCommand);
                 }
             }
-            (None, Stage::Reading) => {
+            // It may be on its way to the other servers.
+            (None, Stage::Reading(again, tries)) if *tries < READS_MAX => {
+                *tries += 1;
+                *again = Some(now + READ_AGAIN);
+            }
+            (None, Stage::Reading(..)) => {
                 let callers = std::mem::take(&mut command.callers);
                 command.stage = Stage::Dropped(now + TAKEN_OVER);
                 for (number, _) in callers {
-                    self.tell(number, CommandTold::Waiting);
+                    self.tell(number, CommandTold::NotKnown);
                 }
             }
+            // The stream lost what it had, and has the intent under another number, or none.
+            (Some((CommandKind::Intent(_), number)), Stage::Ending(after, ..)) => *after = number,
             // It is stored again.
             _ => {}
         }
@@ -560,15 +606,20 @@ impl Ledger {
         };
         let (number, is_first) = match &mut command.stage {
             Stage::Sent(number) => (*number, true),
-            Stage::Open(number, None, _) => {
-                self.asked = self.asked.saturating_sub(1);
-                (*number, false)
-            }
+            Stage::Open(number, None, _) => (*number, false),
             _ => return,
         };
         let result = match outcome {
-            Some(CommandOutcome::Ended(answer)) => Some(CommandResult::Ended(answer)),
+            Some(CommandOutcome::Ended(answer)) if answer.body.len() > ANSWER_MAX => {
+                let long = refusal("E0169", "the site gave an answer that is too long");
+                Some(CommandResult::Unknown(long))
+            }
+            Some(CommandOutcome::Ended(answer)) if (200..600).contains(&answer.status) => {
+                Some(CommandResult::Ended(answer))
+            }
             Some(CommandOutcome::Never(why)) => Some(CommandResult::Never(why)),
+            // A site of a version that knows no commands.
+            Some(CommandOutcome::NotUnderstood(why)) if is_first => Some(CommandResult::Never(why)),
             Some(CommandOutcome::Lost(why)) if !is_first => Some(CommandResult::Unknown(why)),
             // Nobody heard of it, and nobody will: it is sent once.
             _ if is_first && said == SiteSaid::NotDelivered => {
@@ -580,7 +631,7 @@ impl Ledger {
         command.stage = match result {
             Some(result) => {
                 let end = end(&command.intent, result, self.clock_ms);
-                Stage::Ending(number, end, Some(now))
+                Stage::Ending(number, end, Some(now), 0)
             }
             None => {
                 let tries = match command.stage {
@@ -591,6 +642,47 @@ impl Ledger {
                 Stage::Open(number, Some(now + wait), tries)
             }
         };
+    }
+}
+
+impl Command {
+    /// Whether it still goes on at this time. One that was dropped may be carried out by another
+    /// centre; one whose end can't be stored was told.
+    fn goes_on(&mut self, now: Duration) -> bool {
+        match &self.stage {
+            Stage::Dropped(by) if *by <= now => match self.seen.take() {
+                Some((number, intent)) => {
+                    self.intent = intent;
+                    self.stage = Stage::Open(number, Some(now + TAKEN_OVER), 0);
+                    true
+                }
+                None => false,
+            },
+            Stage::Ending(_, _, Some(_), tries) => *tries < STORES_MAX || !self.callers.is_empty(),
+            _ => true,
+        }
+    }
+
+    /// Tells callers whose time is over.
+    fn tell_late(
+        &mut self,
+        now: Duration,
+        at: &mut impl FnMut(Duration),
+        outputs: &mut VecDeque<LedgerOutput>,
+    ) {
+        let stage = &self.stage;
+        self.callers.retain(|(number, until)| {
+            if *until > now {
+                at(*until);
+                return true;
+            }
+            let told = match stage {
+                Stage::Ending(_, end, ..) => CommandTold::End(Arc::clone(end)),
+                _ => CommandTold::Waiting,
+            };
+            outputs.push_back(LedgerOutput::Tell(*number, told));
+            false
+        });
     }
 }
 
@@ -638,16 +730,6 @@ fn is_same(one: &CommandIntent, other: &CommandIntent) -> bool {
         (method, path, user)
     };
     one.body == other.body && what(one) == what(other)
-}
-
-/// The code of a problem that the API of a site answered; none if it is no problem.
-pub(crate) fn problem_code(answer: &ApiAnswer) -> Option<String> {
-    if (200..300).contains(&answer.status) {
-        return None;
-    }
-    let problem: serde_json::Value = serde_json::from_slice(&answer.body).unwrap_or_default();
-    let code = problem.get("code").and_then(serde_json::Value::as_str);
-    Some(code.unwrap_or("E0101").to_owned())
 }
 
 #[cfg(test)]

@@ -205,24 +205,27 @@ pub struct CommandRequest {
 #[derive(Clone, PartialEq, prost::Message)]
 pub struct CommandAnswer {
     /// What came of it.
-    #[prost(oneof = "CommandOutcome", tags = "1, 2, 3, 4")]
+    #[prost(oneof = "CommandOutcome", tags = "1, 2, 3, 4, 5")]
     pub answer: Option<CommandOutcome>,
 }
 
 /// What came of a command, as its site says it.
 #[derive(Clone, PartialEq, prost::Oneof)]
 pub enum CommandOutcome {
-    /// What its API answered.
+    /// The site knows no commands: the form of every answer that is a refusal.
     #[prost(message, tag = "1")]
+    NotUnderstood(FleetRefusal),
+    /// What its API answered.
+    #[prost(message, tag = "2")]
     Ended(ApiAnswer),
     /// It was not begun, and never will be.
-    #[prost(message, tag = "2")]
+    #[prost(message, tag = "3")]
     Never(FleetRefusal),
     /// Not known yet.
-    #[prost(message, tag = "3")]
+    #[prost(message, tag = "4")]
     Later(FleetRefusal),
     /// The site can't tell.
-    #[prost(message, tag = "4")]
+    #[prost(message, tag = "5")]
     Lost(FleetRefusal),
 }
 

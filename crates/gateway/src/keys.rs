@@ -20,6 +20,8 @@ pub(super) enum KnownEnd {
     Never,
     /// Whether it was begun is not known.
     Forgotten,
+    /// The key stands for another command by now.
+    Other,
 }
 
 /// Carries a command out once per key: a repeated request gets the first answer.
@@ -44,7 +46,7 @@ pub(super) fn told(service: &Service, key: &CommandKey, given: Option<Instant>) 
         Ok(KeyTold::UnderWay) => KnownEnd::UnderWay,
         Ok(KeyTold::Never) => KnownEnd::Never,
         Ok(KeyTold::Forgotten) => KnownEnd::Forgotten,
-        Err(refusal) => KnownEnd::Ended(Err(problem(&refusal))),
+        Err(_) => KnownEnd::Other,
     }
 }
 

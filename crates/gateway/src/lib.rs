@@ -33,6 +33,7 @@ pub mod access;
 mod answer;
 mod body;
 mod capture;
+mod clock;
 mod compress;
 mod config;
 mod control;

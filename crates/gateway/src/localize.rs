@@ -58,6 +58,7 @@ pub(super) async fn only_problems(request: Request, next: Next) -> Response {
     if let Some(allowed) = response.headers().get(ALLOW) {
         told.headers_mut().insert(ALLOW, allowed.clone());
     }
+    *told.extensions_mut() = response.into_parts().0.extensions;
     told
 }
 
@@ -66,9 +67,11 @@ async fn in_words(lang: Lang, response: Response) -> Response {
     let read = to_bytes(body, PROBLEM_MAX).await.ok();
     let problem = read.and_then(|body| serde_json::from_slice::<Problem>(&body).ok());
     let Some(problem) = problem else {
-        return answer::problem(&Problem::new(codes::INTERNAL));
+        return answer::problem(&Problem::new(codes::INTERNAL).perhaps_acted(true));
     };
     let mut response = answer::problem(&told(lang, problem));
+    // What is said of the request besides.
+    *response.extensions_mut() = head.extensions;
     for (name, value) in &head.headers {
         // `Retry-After` and the like; headers about the body are those of the new one.
         if name != CONTENT_LENGTH && name != CONTENT_TYPE {

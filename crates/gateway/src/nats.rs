@@ -4,10 +4,8 @@ use crate::northbound::broker::tls_reason;
 use async_nats::ConnectErrorKind;
 use futures_core::Stream;
 use railbus_api::problem::{Problem, codes};
-use rustix::time::{ClockId, clock_gettime};
 use std::error::Error as _;
 use std::pin::Pin;
-use std::time::Duration;
 
 /// Why there is no connection.
 pub(crate) fn unreached(error: async_nats::ConnectError) -> Problem {
@@ -28,11 +26,4 @@ pub(crate) fn unreached(error: async_nats::ConnectError) -> Problem {
 /// The next of a stream; none at its end. Cancel-safe.
 pub(crate) async fn next<S: Stream + Unpin>(from: &mut S) -> Option<S::Item> {
     std::future::poll_fn(|context| Pin::new(&mut *from).poll_next(context)).await
-}
-
-/// The time since this machine was booted, including suspensions.
-pub(crate) fn since_boot() -> Duration {
-    let time = clock_gettime(ClockId::Boottime);
-    let seconds = u64::try_from(time.tv_sec).unwrap_or_default();
-    Duration::new(seconds, u32::try_from(time.tv_nsec).unwrap_or_default())
 }

@@ -86,8 +86,37 @@ impl Order {
         let path = format!("{module}.{label}");
         match self.who.may_write(&path) {
             Ok(()) => self.carry_out((what, path), run).await,
-            Err(problem) => answer::problem(&problem),
+            Err(problem) => self.refused((what, path), &problem),
         }
+    }
+
+    /// It is not carried out. One that was given before is told of all the same: rights that are
+    /// gone, and names that are, say nothing of what it did then.
+    fn refused(self, what: (&'static str, String), problem: &Problem) -> Answer {
+        let Some(remote) = self.remote.filter(|remote| remote.tell) else {
+            return answer::problem(problem);
+        };
+        match self.key(what) {
+            Ok(Some(key)) => {
+                let has_rights = problem.code != codes::POINT_RIGHT.code;
+                remote.told(&self.site.service, &key, has_rights)
+            }
+            _ => answer::problem(problem),
+        }
+    }
+
+    /// The key under which it is carried out once, if it has one.
+    fn key(&self, what: (&'static str, String)) -> Result<Option<CommandKey>, Problem> {
+        let key = match self.headers.get("idempotency-key").map(|key| key.to_str()) {
+            None => return Ok(None),
+            Some(Ok(key)) if (1..=KEY_LEN_MAX).contains(&key.len()) => key.to_owned(),
+            Some(_) => return Err(wrong("an Idempotency-Key has 1 to 128 characters of ASCII")),
+        };
+        Ok(Some(CommandKey {
+            key,
+            caller: self.who.id.clone(),
+            command: vec![what.0.into(), what.1.into(), self.body.to_vec()],
+        }))
     }
 
     /// Carries it out on a task of its own: even if the caller goes away, the command ends
@@ -120,10 +149,9 @@ impl Order {
         F: FnOnce(Service, String, T) -> Fut + Send + 'static,
         Fut: Future<Output = Result<R, Problem>> + Send + 'static,
     {
-        let key = match self.headers.get("idempotency-key").map(|key| key.to_str()) {
-            None => None,
-            Some(Ok(key)) if (1..=KEY_LEN_MAX).contains(&key.len()) => Some(key.to_owned()),
-            Some(_) => return bad_request("an Idempotency-Key has 1 to 128 characters of ASCII"),
+        let key = match self.key(what.clone()) {
+            Ok(key) => key,
+            Err(problem) => return answer::problem(&problem),
         };
         let (who, site) = (&self.who, &self.site);
         let service = site.service.on_behalf_of(who.origin(), who.rights());
@@ -134,7 +162,7 @@ impl Order {
         });
         let wanted = match wanted {
             Ok(wanted) => wanted,
-            Err(problem) => return answer::problem(&problem),
+            Err(problem) => return self.refused(what, &problem),
         };
         let name = what.1.clone();
         let (remote, body) = (self.remote, self.body.clone());
@@ -154,14 +182,8 @@ impl Order {
                 None => answer::text(end.await),
             };
         };
-        let command = vec![what.0.into(), what.1.into(), self.body.to_vec()];
-        let key = CommandKey {
-            key,
-            caller: self.who.id,
-            command,
-        };
         match &self.remote {
-            Some(remote) if !remote.may_begin() => remote.told(&self.site.service, &key),
+            Some(remote) if !remote.may_begin() => remote.told(&self.site.service, &key, true),
             _ => answer::text(keys::once(&self.site.service, key, end).await),
         }
     }

@@ -92,32 +92,47 @@ struct RemoteCall {
 }
 
 /// The end of an outlet.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub(crate) struct RemoteApi {
-    calls: mpsc::Sender<RemoteCall>,
-    reads: Arc<Semaphore>,
-    /// Apart: who reads must not keep others from switching something off.
-    commands: Arc<Semaphore>,
+    calls: mpsc::UnboundedSender<RemoteCall>,
+    /// For each kind of request. Apart: who reads, or asks what came of commands, must not keep
+    /// others from switching something off.
+    permits: [Arc<Semaphore>; 3],
 }
 
-/// The end of the daemon.
-pub(crate) struct RemoteCalls(mpsc::Receiver<RemoteCall>);
+/// What a remote caller wants.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum RemoteKind {
+    /// To read.
+    Read,
+    /// To switch something.
+    Command,
+    /// To know what came of a command.
+    Tell,
+}
+
+/// The end of the daemon. Not bounded itself: permits bound the requests.
+pub(crate) struct RemoteCalls(mpsc::UnboundedReceiver<RemoteCall>);
 
 /// Both ends.
 pub(crate) fn remote_api() -> (RemoteApi, RemoteCalls) {
-    let (calls, asked) = mpsc::channel(2 * REQUESTS_MAX);
-    let permits = || Arc::new(Semaphore::new(REQUESTS_MAX));
-    let api = RemoteApi {
-        calls,
-        reads: permits(),
-        commands: permits(),
-    };
-    (api, RemoteCalls(asked))
+    let (calls, asked) = mpsc::unbounded_channel();
+    (RemoteApi::to(calls), RemoteCalls(asked))
 }
 
 impl RemoteApi {
-    /// A permit for one request that reads, or for one command. It is returned with the answer, and
-    /// is to be held until that is sent.
+    fn to(calls: mpsc::UnboundedSender<RemoteCall>) -> RemoteApi {
+        let permits = std::array::from_fn(|_| Arc::new(Semaphore::new(REQUESTS_MAX)));
+        RemoteApi { calls, permits }
+    }
+
+    /// The same for another outlet, with permits of its own.
+    pub(crate) fn for_another(&self) -> RemoteApi {
+        RemoteApi::to(self.calls.clone())
+    }
+
+    /// A permit for one request of a kind. It is returned with the answer, and is to be held until
+    /// that is sent.
     ///
     /// # Errors
     /// [`codes::OVERLOADED`] if [`REQUESTS_MAX`] of its kind are pending.
@@ -125,10 +140,12 @@ impl RemoteApi {
         not(any(test, feature = "fleet")),
         expect(dead_code, reason = "no other outlet has remote callers")
     )]
-    pub(crate) fn permit(&self, is_command: bool) -> Result<OwnedSemaphorePermit, Problem> {
-        let permits = match is_command {
-            true => &self.commands,
-            false => &self.reads,
+    pub(crate) fn permit(&self, kind: RemoteKind) -> Result<OwnedSemaphorePermit, Problem> {
+        let [reads, commands, tells] = &self.permits;
+        let permits = match kind {
+            RemoteKind::Read => reads,
+            RemoteKind::Command => commands,
+            RemoteKind::Tell => tells,
         };
         let permit = Arc::clone(permits).try_acquire_owned();
         permit.map_err(|_| {
@@ -159,8 +176,7 @@ impl RemoteApi {
             permit,
         };
         let stopping = || Problem::new(codes::DAEMON).with("reason", "stopping");
-        // There is room for as many as may be under way.
-        self.calls.try_send(call).map_err(|_| stopping())?;
+        self.calls.send(call).map_err(|_| stopping())?;
         answered.await.map_err(|_| stopping())
     }
 }
@@ -311,6 +327,7 @@ pub(super) fn not_remote(reason: &str) -> Problem {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::clock::since_boot;
     use axum::Extension;
     use axum::http::HeaderMap;
     use axum::routing::{get, put};
@@ -334,7 +351,12 @@ mod tests {
     }
 
     async fn ask(api: &RemoteApi, request: RemoteRequest) -> Result<RemoteAnswer, Problem> {
-        let permit = api.permit(request.command.is_some())?;
+        let kind = match &request.command {
+            None => RemoteKind::Read,
+            Some(command) if command.order.tell => RemoteKind::Tell,
+            Some(_) => RemoteKind::Command,
+        };
+        let permit = api.permit(kind)?;
         api.ask("hq", request, permit).await
     }
 
@@ -412,7 +434,7 @@ mod tests {
 
     fn command(tell: bool) -> RemoteRequest {
         let order = RemoteOrder {
-            by: Some(Instant::now() + Duration::from_secs(60)),
+            by: Some(since_boot() + Duration::from_secs(60)),
             tell,
             given: None,
         };
@@ -480,8 +502,9 @@ mod tests {
     async fn so_many_are_under_way_and_none_for_ever() {
         let pending = get(std::future::pending::<()>);
         let (api, _stop) = serving(Router::new().route("/api/v1/never", pending));
+        let api = Arc::new(api);
         let never = || {
-            let api = api.clone();
+            let api = Arc::clone(&api);
             tokio::spawn(async move { ask(&api, request("/api/v1/never")).await })
         };
         let under_way: Vec<_> = (0..REQUESTS_MAX).map(|_| never()).collect();

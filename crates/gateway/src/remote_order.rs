@@ -2,6 +2,7 @@
 //! docs/decisions/0056
 
 use super::answer;
+use super::clock::since_boot;
 use super::keys::{self, KnownEnd};
 use super::route::Answer;
 use axum::body::Body;
@@ -15,12 +16,13 @@ use std::time::{Duration, Instant};
 /// The key of a request with the time within which it must be sent, in milliseconds.
 const WITHIN: &str = "within_ms";
 
-/// How a command came that a remote caller gave. Its request has it as an extension.
+/// How a command came that a remote caller gave. Its request has it as an extension. Times are
+/// since the machine was booted: they go on while it sleeps.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct RemoteOrder {
     /// By when its frames must be sent. None if the caller speaks of another run: then it is not
     /// begun.
-    pub(super) by: Option<Instant>,
+    pub(super) by: Option<Duration>,
     /// It is not begun: only what is known of it is wanted.
     pub(super) tell: bool,
     /// It was given at this time or later; none if that may have been in another run.
@@ -48,7 +50,7 @@ impl RemoteOrder {
 
     /// How long it has until its frames must be sent; none if that is too short.
     fn left(&self) -> Option<Duration> {
-        let left = self.by?.checked_duration_since(Instant::now())?;
+        let left = self.by?.checked_sub(since_boot())?;
         (left >= Duration::from_micros(WITHIN_MIN.0)).then_some(left)
     }
 
@@ -73,23 +75,30 @@ impl RemoteOrder {
         serde_json::from_value(body).map_err(|error| wrong(&error))
     }
 
-    /// What is known of it.
-    pub(super) fn told(&self, service: &Service, key: &CommandKey) -> Answer {
-        // Whatever still arrives is not begun any more.
+    /// What is known of it. Whoever must not learn how it ended is told no more than whether it
+    /// was begun.
+    pub(super) fn told(&self, service: &Service, key: &CommandKey, may_learn: bool) -> Answer {
+        // Whatever still arrives of it is not begun any more.
         let is_over = self.left().is_none();
         match keys::told(service, key, self.given) {
-            KnownEnd::Ended(end) => settled(answer::text(end), Settled::Ended),
+            KnownEnd::Ended(end) if may_learn => settled(answer::text(end), Settled::Ended),
+            KnownEnd::Ended(_) | KnownEnd::UnderWay => expired(Settled::Later),
             KnownEnd::Never if is_over => expired(Settled::Never),
-            KnownEnd::Never | KnownEnd::UnderWay => expired(Settled::Later),
-            // It comes once, and is not begun.
-            KnownEnd::Forgotten if !self.tell => expired(Settled::Never),
-            KnownEnd::Forgotten => expired(Settled::Lost),
+            // It may have been known, and it may still come.
+            KnownEnd::Forgotten | KnownEnd::Other if self.tell && is_over => expired(Settled::Lost),
+            KnownEnd::Never | KnownEnd::Forgotten | KnownEnd::Other => expired(Settled::Later),
         }
     }
 }
 
 fn expired(how: Settled) -> Answer {
-    settled(answer::problem(&Problem::new(codes::EXPIRED)), how)
+    let reason = match how {
+        Settled::Ended | Settled::Never => "it reached the site too late",
+        Settled::Later => "it is under way at the site, or may still come",
+        Settled::Lost => "the site was restarted meanwhile, or has no record of it any more",
+    };
+    let problem = Problem::new(codes::EXPIRED).with("reason", reason);
+    settled(answer::problem(&problem), how)
 }
 
 fn settled(mut answer: Response<Body>, how: Settled) -> Answer {
@@ -104,7 +113,7 @@ mod tests {
 
     fn order(left: Duration) -> RemoteOrder {
         RemoteOrder {
-            by: Some(Instant::now() + left),
+            by: Some(since_boot() + left),
             tell: false,
             given: None,
         }

@@ -2,9 +2,10 @@
 //! handler is called as every caller, through the router but without a connection.
 
 use super::access::{Caller, Gate, Known, Need, Reach, Role};
+use super::clock::since_boot;
 use super::config::Desk;
 use super::northbound::Northbound;
-use super::remote_api::{RemoteCommand, RemoteRequest, Settled, remote_api};
+use super::remote_api::{RemoteCommand, RemoteKind, RemoteRequest, Settled, remote_api};
 use super::remote_order::RemoteOrder;
 use super::route::{BASE, Route};
 use super::routes::{Audience, TOP, all, handlers};
@@ -280,7 +281,7 @@ async fn remote_callers_read_as_viewers_and_do_nothing_else() {
             language: String::new(),
             command: None,
         };
-        let permit = api.permit(false).unwrap();
+        let permit = api.permit(RemoteKind::Read).unwrap();
         let answer = api.ask("hq", asked, permit).await.unwrap();
         let problem: Value = serde_json::from_slice(&answer.body).unwrap_or_default();
         let code = problem["code"].as_str().unwrap_or_default();
@@ -321,7 +322,7 @@ async fn remote_callers_give_commands_and_change_nothing_else() {
         for (at, route) in all().enumerate() {
             let path = format!("{BASE}{}", filled(route.path));
             let order = RemoteOrder {
-                by: Some(Instant::now() + Duration::from_secs(60)),
+                by: Some(since_boot() + Duration::from_secs(60)),
                 tell: false,
                 given: None,
             };
@@ -341,7 +342,7 @@ async fn remote_callers_give_commands_and_change_nothing_else() {
                     order,
                 }),
             };
-            let permit = api.permit(true).unwrap();
+            let permit = api.permit(RemoteKind::Command).unwrap();
             let answer = api.ask("hq", asked, permit).await.unwrap();
             let problem: Value = serde_json::from_slice(&answer.body).unwrap_or_default();
             let code = problem["code"].as_str().unwrap_or_default();
@@ -374,6 +375,54 @@ async fn remote_callers_give_commands_and_change_nothing_else() {
             .into_iter()
             .all(|route| { route.need == Need::OPERATOR && route.reach == Reach::Points })
     );
+}
+
+/// What came of a command is said, also in words, and where its output is not to be switched any
+/// more.
+#[tokio::test]
+async fn what_came_of_a_remote_command_is_told_in_any_language() {
+    let here = Here::new("words");
+    let (api, calls) = remote_api();
+    let handlers = handlers(here.site.clone(), Audience::Remote);
+    tokio::spawn(calls.serve(handlers, here.site.stop.clone()));
+    let own = Instant::now();
+    let over = Some(since_boot().saturating_sub(Duration::from_secs(1)));
+    let coming = Some(since_boot() + Duration::from_secs(60));
+    for language in ["", "zh", "en"] {
+        for point in ["oven/k1", "pump/do0", "nothing/k1"] {
+            for (by, tell, given, wanted) in [
+                (over, false, Some(own), Settled::Never),
+                (over, true, Some(own), Settled::Never),
+                (over, true, None, Settled::Lost),
+                (None, true, None, Settled::Lost),
+                (coming, true, Some(own), Settled::Later),
+                (coming, true, None, Settled::Later),
+            ] {
+                let asked = RemoteRequest {
+                    method: "PUT".to_owned(),
+                    path: format!("{BASE}/points/{point}"),
+                    user: "li".to_owned(),
+                    language: language.to_owned(),
+                    command: Some(RemoteCommand {
+                        rights: Rights {
+                            role: Role::Operator,
+                            points: ["oven".to_owned(), "nothing".to_owned()].into(),
+                        },
+                        key: "c1".to_owned(),
+                        body: b"{\"value\":true}".to_vec(),
+                        order: RemoteOrder { by, tell, given },
+                    }),
+                };
+                let permit = api.permit(RemoteKind::Tell).unwrap();
+                let answer = api.ask("hq", asked, permit).await.unwrap();
+                let what = format!("{language} {point} {by:?} {tell} {given:?}");
+                // Without rights it was refused at once.
+                let is_refused = point == "pump/do0" && !tell;
+                let wanted = if is_refused { Settled::Ended } else { wanted };
+                assert_eq!(answer.settled, wanted, "{what}");
+            }
+        }
+    }
 }
 
 #[tokio::test]

@@ -135,6 +135,27 @@ async fn not_so() -> Answer {
     answer::problem(&problem.with("reason", "not with this method"))
 }
 
+/// Whether this request is a command that can be given from afar.
+#[cfg_attr(
+    not(any(test, feature = "fleet")),
+    expect(dead_code, reason = "there are no sites but this one")
+)]
+pub(super) fn is_command(method: &str, path: &str) -> bool {
+    let path = path.split('?').next().unwrap_or_default();
+    let Some(path) = path.strip_prefix(BASE) else {
+        return false;
+    };
+    let fits = |pattern: &str| {
+        let is_one = |(wanted, part): (&str, &str)| {
+            wanted == part || wanted.starts_with('{') && !part.is_empty()
+        };
+        pattern.split('/').count() == path.split('/').count()
+            && pattern.split('/').zip(path.split('/')).all(is_one)
+    };
+    let mut commands = all().filter(|route| route.is_command && route.method == method);
+    commands.any(|route| fits(route.path))
+}
+
 /// The route exists, and not for remote callers.
 fn any_of(method: &str) -> MethodRouter<Site> {
     let method = Method::from_bytes(method.as_bytes()).unwrap_or_default();

@@ -265,12 +265,47 @@ const REASONS: &[[&str; 2]] = &[
     ["it holds no certificate", "其中没有证书"],
     ["it holds no private key", "其中没有私钥"],
     ["it is not connected", "站点未连接"],
+    ["it is not online", "站点不在线"],
+    [
+        "no answer yet; the centre goes on asking the site",
+        "尚无应答；中心会继续询问站点",
+    ],
+    [
+        "this Idempotency-Key stands for another command",
+        "此 Idempotency-Key 已用于另一条命令",
+    ],
+    [
+        "it is not known whether it was sent before",
+        "不知道此前是否已发送",
+    ],
+    [
+        "not sent: it could not be written down first",
+        "未发送：发送前未能记录",
+    ],
+    ["too many commands without an end", "尚无结果的命令过多"],
+    ["the body is longer than 16 KiB", "请求正文超过 16 KiB"],
+    ["it reached the site too late", "到达站点时已超时"],
+    [
+        "the site did not say what came of it for a day",
+        "站点一天内未给出结果",
+    ],
+    [
+        "the site was restarted meanwhile, or has no record of it any more",
+        "站点其间重启，或已无其记录",
+    ],
+    [
+        "it is under way at the site, or may still come",
+        "站点正在执行，或尚未到达",
+    ],
+    [
+        "it was not known whether it could be stored",
+        "当时不知道能否存储",
+    ],
     ["nothing within {n} s", "{n} 秒内无应答"],
     ["its answer was {n} s on the way", "应答在途 {n} 秒"],
     ["its answer is longer than {n} KiB", "应答超过 {n} KiB"],
     ["it had no answer within {n} s", "站点在 {n} 秒内未得出应答"],
     ["too many requests at a time", "同时请求过多"],
-    ["a stream, or a secret", "数据流或机密内容"],
     ["an answer with status {n}", "应答状态码为 {n}"],
     [
         "an answer without its time on the way",

@@ -1,6 +1,7 @@
 mod play;
 
 use super::*;
+use crate::message::ApiAnswer;
 
 const S: fn(u64) -> Duration = Duration::from_secs;
 
@@ -143,7 +144,7 @@ fn what_could_not_be_written_down_is_not_sent() {
         assert_eq!(told(&outputs), Some(&CommandTold::NotStored));
         // It was stored after all: it ends, and still is not sent.
         let late = record(CommandKind::Intent(intent("/x", 1)));
-        hub.handle(LedgerInput::Record(NAME, &late, 7, S(0)));
+        hub.handle(LedgerInput::Record(NAME, &late, 7));
         hub.handle(LedgerInput::Connected);
         assert!(is_store(&hub.outputs(), 7));
     }
@@ -157,7 +158,7 @@ fn the_command_of_another_centre_is_not_ended_as_one_that_was_not_sent() {
     hub.stored(StoreEnd::Unknown);
     hub.outputs();
     let theirs = record(CommandKind::Intent(intent("/x", 2)));
-    hub.handle(LedgerInput::Record(NAME, &theirs, 7, S(0)));
+    hub.handle(LedgerInput::Record(NAME, &theirs, 7));
     assert_eq!(hub.outputs(), []);
 }
 
@@ -202,11 +203,11 @@ fn without_an_answer_the_site_is_asked_what_came_of_it() {
 fn a_day_later_it_is_not_known_for_ever() {
     let mut hub = Hub::new();
     let other = record(CommandKind::Intent(intent("/x", 2)));
-    hub.handle(LedgerInput::Record(NAME, &other, 7, KNOWN - S(30)));
+    hub.handle(LedgerInput::Record(NAME, &other, 7));
+    hub.asks(TAKEN_OVER);
+    hub.1 += KNOWN - TAKEN_OVER - Duration::from_millis(1);
     assert_eq!(hub.outputs(), []);
-    hub.1 += S(29);
-    assert_eq!(hub.outputs(), []);
-    hub.1 += S(1);
+    hub.1 += Duration::from_millis(1);
     let outputs = hub.outputs();
     let [
         LedgerOutput::Store {
@@ -227,7 +228,7 @@ fn a_day_later_it_is_not_known_for_ever() {
 fn another_centre_ends_its_own_commands_first() {
     let mut hub = Hub::new();
     let other = record(CommandKind::Intent(intent("/x", 2)));
-    hub.handle(LedgerInput::Record(NAME, &other, 7, S(0)));
+    hub.handle(LedgerInput::Record(NAME, &other, 7));
     hub.1 += TAKEN_OVER - S(1);
     assert_eq!(hub.outputs(), []);
     hub.asks(S(1));
@@ -277,7 +278,7 @@ fn a_late_result_is_not_taken_for_that_of_the_next_one() {
     let late = hub.2;
     let ended = CommandResult::Ended(ApiAnswer::default());
     let ended = record(CommandKind::End((*end(&intent("/x", 1), ended, 0)).clone()));
-    hub.handle(LedgerInput::Record(NAME, &ended, 8, S(0)));
+    hub.handle(LedgerInput::Record(NAME, &ended, 8));
     hub.outputs();
     assert!(is_store(&hub.given(1, intent("/x", 2)), 0));
     hub.handle(LedgerInput::Stored(NAME, late, StoreEnd::Stored(8)));
@@ -301,38 +302,145 @@ fn an_end_that_can_not_be_stored_is_told_and_stored_again() {
 #[test]
 fn so_many_are_open_and_no_more() {
     let mut hub = Hub::new();
-    for at in 0..=GIVEN_MAX {
+    for at in 0..=OF_SITE_MAX {
         let id = format!("c{at}");
         hub.handle(LedgerInput::Given(1, ("p1", &id), intent("/x", 1), S(20)));
         let is_taken = is_store(&hub.outputs(), 0);
-        assert_eq!(is_taken, at < GIVEN_MAX, "{at}");
+        assert_eq!(is_taken, at < OF_SITE_MAX, "{at}");
     }
+    // Another site does not suffer from that.
+    hub.handle(LedgerInput::Given(1, ("p", "c"), intent("/x", 1), S(20)));
+    assert!(is_store(&hub.outputs(), 0));
+    hub.1 += S(21);
+    hub.outputs();
     let lost = record(CommandKind::Intent(intent("/x", 2)));
     for at in 0..OPEN_MAX {
-        let id = format!("d{at}");
-        hub.handle(LedgerInput::Record(("p2", &id), &lost, 1, S(0)));
+        let (site, id) = (format!("q{}", at / 100), format!("d{at}"));
+        hub.handle(LedgerInput::Record((&site, &id), &lost, 1));
     }
     assert_eq!(hub.0.open(), OPEN_MAX);
-    // So many are asked at a time.
+    // So many are asked at a time, and of each site no more than its share.
     hub.1 += TAKEN_OVER;
-    let asks = |outputs: &[LedgerOutput]| {
-        let sent = outputs.iter();
-        sent.filter(|output| matches!(output, LedgerOutput::Send(..)))
-            .count()
-    };
-    assert_eq!(asks(&hub.outputs()), ASKED_MAX);
-    hub.handle(LedgerInput::Said(("p2", "d0"), 0, SiteSaid::Nothing));
+    let asked = hub.outputs();
+    let mut of_site = BTreeMap::<String, usize>::new();
+    let mut numbers = Vec::new();
+    for output in &asked {
+        if let LedgerOutput::Send(number, site, request) = output {
+            assert!(request.tell);
+            *of_site.entry(site.clone()).or_default() += 1;
+            numbers.push((*number, site.clone(), request.id.clone()));
+        }
+    }
+    assert_eq!(numbers.len(), ASKED_MAX);
+    let most = of_site.values().max().copied().unwrap_or_default();
+    assert!(most <= ASKED_OF_SITE_MAX, "{of_site:?}");
+    let (number, site, id) = numbers.remove(0);
+    hub.handle(LedgerInput::Said((&site, &id), number, SiteSaid::Nothing));
+    let next = hub.outputs();
+    let sent = next.iter();
+    let sent = sent.filter(|one| matches!(one, LedgerOutput::Send(..)));
+    assert_eq!(sent.count(), 1);
+}
+
+/// A record arrives before it is known whether it could be stored.
+#[test]
+fn what_was_seen_in_the_stream_is_not_forgotten() {
+    let mut hub = Hub::new();
+    hub.given(1, intent("/x", 1));
+    let ours = record(CommandKind::Intent(intent("/x", 1)));
+    hub.handle(LedgerInput::Record(NAME, &ours, 7));
+    hub.stored(StoreEnd::Unknown);
+    let outputs = hub.outputs();
+    let is_ended = matches!(
+        &outputs[..],
+        [
+            LedgerOutput::Tell(1, CommandTold::NotStored),
+            LedgerOutput::Store { after: 7, .. }
+        ]
+    );
+    assert!(is_ended, "{outputs:?}");
+    // One of another centre is taken over.
+    let mut hub = Hub::new();
+    hub.given(1, intent("/x", 1));
+    let theirs = record(CommandKind::Intent(intent("/x", 2)));
+    hub.handle(LedgerInput::Record(NAME, &theirs, 7));
+    hub.stored(StoreEnd::Unknown);
+    hub.outputs();
+    hub.1 += TAKEN_OVER;
     assert_eq!(hub.outputs(), []);
-    let of = hub.2 + 1 - ASKED_MAX as u64;
-    hub.handle(LedgerInput::Said(("p2", "d0"), of, SiteSaid::Nothing));
-    assert_eq!(asks(&hub.outputs()), 1);
+    hub.asks(TAKEN_OVER);
+}
+
+#[test]
+fn a_site_of_the_version_before_did_nothing() {
+    // As it answers whatever it does not know.
+    let refused = crate::message::ResendAnswer {
+        refusal: Some(refusal("E0110", "")),
+    };
+    let refused = refused.encode_to_vec();
+    let mut hub = Hub::new();
+    hub.sent();
+    hub.said(SiteSaid::Answer(&refused));
+    hub.outputs();
+    hub.stored(StoreEnd::Stored(8));
+    let outputs = hub.outputs();
+    let end = result(told(&outputs));
+    assert!(matches!(end, Some(CommandResult::Never(why)) if why.code == "E0110"));
+    // When it is only asked, it may have known more before.
+    let mut hub = Hub::new();
+    hub.sent();
+    hub.said(SiteSaid::Nothing);
+    hub.asks(ASK);
+    hub.said(SiteSaid::Answer(&refused));
+    assert_eq!(hub.outputs(), []);
+}
+
+#[test]
+fn an_answer_that_is_none_is_not_stored_as_one() {
+    let answer = |status, length: usize| {
+        said(CommandOutcome::Ended(ApiAnswer {
+            status,
+            body: vec![b'x'; length],
+            ..ApiAnswer::default()
+        }))
+    };
+    for status in [0, 100, 600, 70_000] {
+        let mut hub = Hub::new();
+        hub.sent();
+        hub.said(SiteSaid::Answer(&answer(status, 0)));
+        assert_eq!(hub.outputs(), [], "{status}");
+    }
+    let mut hub = Hub::new();
+    hub.sent();
+    hub.said(SiteSaid::Answer(&answer(200, ANSWER_MAX + 1)));
+    hub.outputs();
+    hub.stored(StoreEnd::Stored(8));
+    let outputs = hub.outputs();
+    let end = result(told(&outputs));
+    assert!(matches!(end, Some(CommandResult::Unknown(_))));
+}
+
+/// The streams are lost: its end can't be stored any more.
+#[test]
+fn what_can_not_be_stored_at_all_does_not_stay_for_ever() {
+    let mut hub = Hub::new();
+    hub.sent();
+    hub.said(SiteSaid::Answer(&done()));
+    hub.outputs();
+    for _ in 0..STORES_MAX {
+        assert_eq!(hub.0.open(), 1);
+        hub.stored(StoreEnd::Unknown);
+        hub.1 += STORE_AGAIN;
+        hub.outputs();
+    }
+    assert_eq!(hub.0.open(), 0);
 }
 
 #[test]
 fn what_is_no_record_is_counted() {
     let mut hub = Hub::new();
     for payload in [&[255_u8][..], &[]] {
-        hub.handle(LedgerInput::Record(NAME, payload, 1, S(0)));
+        hub.handle(LedgerInput::Record(NAME, payload, 1));
     }
     assert_eq!((hub.0.unreadable(), hub.0.open()), (2, 0));
 }

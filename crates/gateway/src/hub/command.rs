@@ -4,8 +4,9 @@ use super::driver::HubCall;
 use super::routes::{Calls, call};
 use super::site_api::{self, INTEREST, INTEREST_STEP, SiteWay};
 use crate::access::secret::{hex, random};
-use crate::answer;
-use crate::nats::since_boot;
+use crate::clock::since_boot;
+use crate::routes::is_command;
+use crate::{answer, remote_api};
 use async_nats::Request;
 use async_nats::client::RequestErrorKind;
 use axum::body::{Body, Bytes};
@@ -35,7 +36,9 @@ pub(super) struct GivenCommand {
     pub(super) site: String,
     pub(super) id: String,
     /// The caller gave the id: it may have been sent before.
-    is_again: bool,
+    pub(super) is_again: bool,
+    /// When it was given, since the machine was booted.
+    given: Duration,
     method: String,
     path: String,
     body: Bytes,
@@ -64,6 +67,10 @@ impl GivenCommand {
         language: &str,
     ) -> Result<GivenCommand, Problem> {
         let wrong = |reason: &str| Problem::new(codes::BAD_REQUEST).with("reason", reason);
+        // Whatever else is sent there is not to be written down for months.
+        if !is_command(method, path) {
+            return Err(remote_api::not_remote(method));
+        }
         if body.len() > BODY_MAX {
             return Err(wrong("the body is longer than 16 KiB"));
         }
@@ -87,6 +94,7 @@ impl GivenCommand {
             site,
             id,
             is_again: key.is_some(),
+            given: since_boot(),
             method: method.to_owned(),
             path: path.to_owned(),
             body,
@@ -108,15 +116,20 @@ impl GivenCommand {
         self.within() + END_MAX
     }
 
-    /// What is wanted, of a site in this run, whose time has come so far.
+    /// What is wanted at this time since the machine was booted, of a site in this run, whose time
+    /// has come so far. Without that it can't begin: only what came of it before can be told.
     pub(super) fn intent(
         &self,
-        (boot, time_ms): (&[u8], u64),
+        now: Duration,
+        time: Option<(&[u8], u64)>,
         at_ms: i64,
     ) -> Result<CommandIntent, Problem> {
         let token = random::<ID_LEN>()
             .map_err(|error| Problem::new(codes::INTERNAL).with("reason", error.to_string()))?;
-        let within = u64::try_from(self.within().as_millis()).unwrap_or(u64::MAX);
+        // It may have waited here.
+        let within = self.within().saturating_sub(now.saturating_sub(self.given));
+        let within = u64::try_from(within.as_millis()).unwrap_or(u64::MAX);
+        let until = time.map_or(0, |(_, time_ms)| time_ms.saturating_add(within));
         Ok(CommandIntent {
             method: self.method.clone(),
             path: self.path.clone(),
@@ -124,8 +137,8 @@ impl GivenCommand {
             // Only the owner of the centre can open its socket.
             user: "owner".to_owned(),
             language: self.language.clone(),
-            boot: boot.to_vec(),
-            valid_until_ms: time_ms.saturating_add(within),
+            boot: time.map_or_else(Vec::new, |(boot, _)| boot.to_vec()),
+            valid_until_ms: until,
             at_ms,
             token: token.to_vec(),
         })
@@ -153,6 +166,8 @@ pub(super) async fn give(calls: &Calls, given: GivenCommand) -> Response<Body> {
             Err(problem) => problem,
         },
         CommandTold::Waiting => open("no answer yet; the centre goes on asking the site"),
+        CommandTold::NotKnown => open("it is not known whether it was sent before"),
+        CommandTold::TooMany if is_again => open("it is not known whether it was sent before"),
         CommandTold::OtherCommand => Problem::new(codes::BAD_REQUEST)
             .with("reason", "this Idempotency-Key stands for another command"),
         CommandTold::NotStored if is_again => open("it is not known whether it was sent before"),
@@ -188,7 +203,7 @@ fn end_of(site: &str, end: &CommandEnd, waited: Duration) -> Result<Response<Bod
             })
         }
         Some(CommandResult::Never(why)) => {
-            let known = [codes::EXPIRED, codes::OVERLOADED, codes::FLEET_NOT_STORED];
+            let known = [codes::EXPIRED, codes::FLEET_NOT_STORED];
             let kind = known.into_iter().find(|kind| kind.code == why.code);
             Err(of(kind.unwrap_or(codes::SITE_AWAY), why))
         }
@@ -235,7 +250,8 @@ mod tests {
 
     fn given(key: Option<&str>, body: &str) -> Result<GivenCommand, Problem> {
         let body = Bytes::from(body.to_owned());
-        GivenCommand::new(("plant7".to_owned(), key), ("PUT", "/x"), body, "")
+        let place = ("PUT", "/api/v1/points/oven/k1");
+        GivenCommand::new(("plant7".to_owned(), key), place, body, "")
     }
 
     #[test]
@@ -253,13 +269,50 @@ mod tests {
     fn a_deadline_is_in_the_time_of_the_site() {
         let until = |body: &str| {
             let given = given(None, body).unwrap();
-            given.intent((&[7; 16], 1_000), 0).unwrap().valid_until_ms
+            let time = Some((&[7; 16][..], 1_000));
+            given.intent(given.given, time, 0).unwrap().valid_until_ms
         };
         assert_eq!(until("{\"value\":true}"), 6_000);
         assert_eq!(until("{\"within_ms\":300}"), 1_300);
         assert_eq!(until("{\"within_ms\":1}"), 1_200);
         assert_eq!(until("{\"within_ms\":99999999}"), 61_000);
         assert_eq!(until("nothing"), 6_000);
+        // What it has waited for is not given again; without a heartbeat it can't begin.
+        let given = given(None, "{}").unwrap();
+        let later = given.given + Duration::from_secs(2);
+        let time = Some((&[7; 16][..], 1_000));
+        assert_eq!(given.intent(later, time, 0).unwrap().valid_until_ms, 4_000);
+        let none = given.intent(later, None, 0).unwrap();
+        assert_eq!((none.valid_until_ms, none.boot), (0, Vec::new()));
+    }
+
+    #[test]
+    fn only_commands_are_written_down() {
+        let code = |method, path| {
+            let place = ("plant7".to_owned(), None);
+            let given = GivenCommand::new(place, (method, path), Bytes::new(), "");
+            given.err().map(|problem| problem.code)
+        };
+        for (method, path) in [
+            ("PUT", "/api/v1/points/oven/k1"),
+            ("POST", "/api/v1/points/oven/k1/toggle"),
+            ("POST", "/api/v1/scenes/night/run?x=y"),
+            ("POST", "/api/v1/batch"),
+        ] {
+            assert_eq!(code(method, path), None, "{method} {path}");
+        }
+        for (method, path) in [
+            ("POST", "/api/v1/users"),
+            ("PUT", "/api/v1/config"),
+            ("PUT", "/api/v1/points/oven/k1/lease"),
+            ("POST", "/api/v1/points/oven/k1"),
+            ("PUT", "/api/v1/points/oven"),
+            ("PUT", "/points/oven/k1"),
+            ("PUT", "/api/v1/points/oven/k1/"),
+        ] {
+            let refused = Some("E0937".to_owned());
+            assert_eq!(code(method, path), refused, "{method} {path}");
+        }
     }
 
     #[test]
@@ -277,7 +330,7 @@ mod tests {
             code: code.to_owned(),
             reason: String::new(),
         };
-        for (code, shown) in [("E0106", "E0106"), ("E0105", "E0105"), ("E0999", "E0168")] {
+        for (code, shown) in [("E0106", "E0106"), ("E0164", "E0164"), ("E0999", "E0168")] {
             let never = Some(CommandResult::Never(why(code)));
             assert_eq!(told(never), (shown.to_owned(), false));
         }

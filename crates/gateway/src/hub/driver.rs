@@ -2,16 +2,18 @@
 
 use super::HubText;
 use super::command::{self, GivenCommand, SentEnd};
-use super::link::{Document, HubFiles, Link, Opened, age};
+use super::link::{Document, HubFiles, Link, Opened};
 use super::site_api::SiteWay;
 use super::view;
 use crate::access::secret::{hex, random};
+use crate::clock::since_boot;
 use crate::listen;
-use crate::nats::{next, since_boot};
+use crate::nats::next;
 use crate::northbound::broker::session::Tries;
 use crate::{warn, warn_of};
 use async_nats::jetstream::Context;
-use async_nats::jetstream::context::PublishErrorKind;
+use async_nats::jetstream::ErrorCode;
+use async_nats::jetstream::context::{PublishError, PublishErrorKind};
 use async_nats::jetstream::message::PublishMessage;
 use async_nats::jetstream::stream::LastRawMessageErrorKind;
 use async_nats::{Message, Subject};
@@ -25,6 +27,7 @@ use railbus_fleet::ledger::{
 use railbus_store::history::millis;
 use railbus_words::Lang;
 use std::collections::BTreeMap;
+use std::error::Error as _;
 use std::time::{Duration, SystemTime};
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio::time::Instant;
@@ -34,6 +37,8 @@ const REPLIES_MAX: usize = 8_192;
 
 /// How often to check whether this process was suspended.
 const TICK: Duration = Duration::from_secs(1);
+/// The shortest time until something is looked at again without a connection.
+const NAP: Duration = Duration::from_millis(100);
 /// It was suspended if more than this passed between two checks.
 const SUSPENDED: Duration = Duration::from_secs(5);
 /// How long a lease that could not be stored is reported.
@@ -185,11 +190,15 @@ impl Driver {
     async fn meanwhile<T>(&mut self, what: impl Future<Output = T>) -> Option<T> {
         let mut what = std::pin::pin!(what);
         loop {
+            let due = self.ledger.deadline();
+            let due = due.map(|due| due.saturating_sub(since_boot()));
             tokio::select! {
                 () = listen::ended(&mut self.stopped) => return None,
                 end = &mut what => return Some(end),
                 call = self.calls.recv() => self.answer(call?, None),
+                () = tokio::time::sleep(due.unwrap_or(TICK).max(NAP)) => {}
             }
+            self.tell_callers();
         }
     }
 
@@ -227,12 +236,7 @@ impl Driver {
         for document in std::mem::take(&mut opened.documents) {
             let (subject, payload) = (&document.subject, &document.payload);
             if let Some(name) = command_of(subject) {
-                self.note(LedgerInput::Record(
-                    name,
-                    payload,
-                    document.number,
-                    document.age,
-                ));
+                self.note(LedgerInput::Record(name, payload, document.number));
                 continue;
             }
             match subject.starts_with("rb.up.") {
@@ -289,12 +293,7 @@ impl Driver {
                 }
                 Heard::Record(document) => {
                     if let Some(name) = command_of(&document.subject) {
-                        let record = LedgerInput::Record(
-                            name,
-                            &document.payload,
-                            document.number,
-                            document.age,
-                        );
+                        let record = LedgerInput::Record(name, &document.payload, document.number);
                         self.note(record);
                     }
                 }
@@ -333,7 +332,6 @@ impl Driver {
                         subject: record.subject.to_string(),
                         payload: record.payload.to_vec(),
                         number: info.stream_sequence,
-                        age: age(&info),
                     }),
                     Err(error) => broken(&error),
                 },
@@ -486,20 +484,29 @@ impl Driver {
         link: Option<&Link>,
         to: oneshot::Sender<Result<CommandTold, Problem>>,
     ) {
+        // Nobody waits any more: then nothing is to be switched.
+        if to.is_closed() {
+            return;
+        }
         let now = since_boot();
         let site = self.centre.site(now, &given.site);
         let time = site.as_ref().map(|site| site.time);
+        let at_ms = millis(SystemTime::now());
         let found = match (time, link) {
             (None, _) => Err(self.no_site(&given.site)),
+            // It may have been given before: then it is told what came of it.
+            (Some(None), Some(_)) | (Some(_), None) if given.is_again => {
+                given.intent(now, None, at_ms)
+            }
             (Some(_), None) => Err(self.disconnected()),
             (Some(None), Some(_)) => Err(command::offline(&given.site)),
-            (Some(Some(time)), Some(_)) => given.intent(time, millis(SystemTime::now())),
+            (Some(Some(time)), Some(_)) => given.intent(now, Some(time), at_ms),
         };
         let intent = match found {
             Ok(intent) => intent,
             Err(problem) => {
                 // Fails if the client is gone.
-                let _ = to.send(Err(problem));
+                let _ = to.send(Err(problem.perhaps_acted(given.is_again)));
                 return;
             }
         };
@@ -582,7 +589,7 @@ impl Driver {
         match call {
             HubCall::Sites(to) => {
                 let error = self.error.as_ref().map(|(problem, _)| problem.clone());
-                _ = to.send(view::sites(&self.centre, now, error));
+                _ = to.send(view::sites((&self.centre, &self.ledger), now, error));
             }
             HubCall::Site(name, to) => {
                 let site = self.centre.site(now, &name);
@@ -622,6 +629,7 @@ async fn put(
         Ok(number) => (StoreEnd::Stored(number), None),
         Err(error) => match error.kind() {
             PublishErrorKind::WrongLastSequence => (StoreEnd::Conflict, None),
+            _ if is_in_flight(&error) => (StoreEnd::Conflict, None),
             _ => {
                 let problem = Problem::new(codes::FLEET_NOT_STORED);
                 let problem = problem.with("reason", error.to_string());
@@ -629,6 +637,13 @@ async fn put(
             }
         },
     }
+}
+
+/// Whether servers refuse it because another one of its subject is on its way among them.
+fn is_in_flight(error: &PublishError) -> bool {
+    let source = error.source();
+    let said = source.and_then(|source| source.downcast_ref::<async_nats::jetstream::Error>());
+    said.is_some_and(|error| error.error_code() == ErrorCode::STREAM_WRONG_LAST_SEQUENCE_CONSTANT)
 }
 
 /// Reads the latest document of a subject from the leader of its stream; none if that fails.

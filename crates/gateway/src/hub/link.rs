@@ -5,14 +5,12 @@ use crate::nats::{next, unreached};
 use crate::northbound::broker::trusting;
 use async_nats::jetstream::consumer::pull::{Ordered, OrderedConfig};
 use async_nats::jetstream::consumer::{Consumer, DeliverPolicy};
-use async_nats::jetstream::message::Info;
 use async_nats::jetstream::stream::{Config as StreamConfig, Stream as NatsStream};
 use async_nats::jetstream::{self, Context};
 use async_nats::{Client, ConnectOptions, Event, Subscriber};
 use railbus_api::problem::{Problem, codes};
-use railbus_store::history::millis;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, SystemTime};
+use std::time::Duration;
 use tokio::sync::watch;
 
 /// A server that does not answer within this time is left.
@@ -37,8 +35,10 @@ const STATES: &str = "rb.up.*.state";
 const COMMANDS: &str = "rb.cmd.*.*";
 /// How long that is kept.
 const COMMANDS_KEPT: Duration = Duration::from_secs(90 * 24 * 60 * 60);
-/// For how long before a connection it is read: a site knows for a day what came of a command.
-const COMMANDS_READ: Duration = Duration::from_secs(24 * 60 * 60);
+/// For how long before the newest one it is read: a site knows for a day what came of a command.
+const COMMANDS_READ: Duration = Duration::from_secs(48 * 60 * 60);
+/// The longest record of a command, in bytes.
+const COMMAND_MAX: i32 = 256 << 10;
 /// The copies that a stream has, where there are enough servers.
 const REPLICAS: usize = 3;
 
@@ -67,8 +67,6 @@ pub(super) struct Document {
     pub(super) subject: String,
     pub(super) payload: Vec<u8>,
     pub(super) number: u64,
-    /// How old it is, by the clocks of the servers and of this machine.
-    pub(super) age: Duration,
 }
 
 /// A subscribed connection.
@@ -148,6 +146,7 @@ impl HubFiles {
             stream("FLEET", "rb.fleet.*.*", 20),
             StreamConfig {
                 max_age: COMMANDS_KEPT,
+                max_message_size: COMMAND_MAX,
                 ..stream("LEDGER", COMMANDS, 3)
             },
         ]
@@ -213,8 +212,10 @@ impl Opened {
         let last = DeliverPolicy::LastPerSubject;
         let leases = read(fleet, (LEASES, last), &mut documents).await?;
         read(states, (STATES, last), &mut documents).await?;
+        // By the servers' clocks: this machine's may be wrong.
+        let newest = ledger.cached_info().state.last_timestamp;
         let since = DeliverPolicy::ByStartTime {
-            start_time: (SystemTime::now() - COMMANDS_READ).into(),
+            start_time: newest - COMMANDS_READ,
         };
         let commands = read(ledger, (COMMANDS, since), &mut documents).await?;
         Ok(Opened {
@@ -296,17 +297,9 @@ async fn read(
         left = info.pending;
         into.push(Document {
             number: info.stream_sequence,
-            age: age(&info),
             subject: message.subject.to_string(),
             payload: message.payload.to_vec(),
         });
     }
     Ok(messages)
-}
-
-/// How old a message is. One of the future is new.
-pub(super) fn age(info: &Info<'_>) -> Duration {
-    let stored = info.published.unix_timestamp_nanos() / 1_000_000;
-    let age = i128::from(millis(SystemTime::now())) - stored;
-    Duration::from_millis(u64::try_from(age).unwrap_or_default())
 }

@@ -3,7 +3,7 @@
 
 use super::driver::HubCall;
 use super::routes::{Calls, call};
-use crate::nats::since_boot;
+use crate::clock::since_boot;
 use crate::remote_api;
 use async_nats::client::RequestErrorKind;
 use async_nats::{Client, Request};

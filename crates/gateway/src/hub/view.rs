@@ -17,13 +17,17 @@ use std::time::Duration;
 const SCHEMA: u8 = 1;
 
 /// All sites.
-pub(super) fn sites(centre: &Centre, now: Duration, error: Option<Problem>) -> FleetSites {
+pub(super) fn sites(
+    (centre, ledger): (&Centre, &Ledger),
+    now: Duration,
+    error: Option<Problem>,
+) -> FleetSites {
     FleetSites {
         schema: SCHEMA,
         connection: HubConnection {
             connected: centre.is_connected(),
             error,
-            unreadable: centre.unreadable(),
+            unreadable: centre.unreadable().saturating_add(ledger.unreadable()),
         },
         sites: centre.sites(now).map(|view| site(&view)).collect(),
     }
@@ -56,6 +60,7 @@ pub(super) fn commands(ledger: &Ledger) -> FleetCommands {
             end: view.end.as_ref().map(|end| FleetCommandEnd {
                 how: end.how.to_owned(),
                 code: end.code.clone(),
+                confirmed: end.confirmed.clone(),
                 reason: Some(end.reason.clone()).filter(|reason| !reason.is_empty()),
                 at: moment(end.at_ms),
             }),

@@ -55,7 +55,7 @@ pub(crate) struct Outlet {
         not(feature = "fleet"),
         expect(dead_code, reason = "the other kinds have no remote callers")
     )]
-    pub(super) api: RemoteApi,
+    pub(super) api: Arc<RemoteApi>,
     /// The folder of what is kept.
     pub(super) folder: Arc<Path>,
     pub(super) stop: watch::Receiver<bool>,

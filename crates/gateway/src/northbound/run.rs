@@ -259,7 +259,7 @@ impl Northbound {
             kind: config.kind,
             secrets: Arc::clone(&self.secrets),
             accounts: Arc::clone(&self.accounts),
-            api: self.api.clone(),
+            api: Arc::new(self.api.for_another()),
             folder: Arc::clone(&self.folder),
             stop,
         }

@@ -166,6 +166,7 @@ const WITHOUT_RIGHTS: &[&str] = &[
     "tap",
     "tell_dropped_ends",
     "tell_event",
+    "told",
     "try_rule",
 ];
 

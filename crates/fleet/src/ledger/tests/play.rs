@@ -46,7 +46,8 @@ enum Event {
 #[derive(Clone, Debug, PartialEq)]
 enum Kept {
     Begun,
-    Ended,
+    /// With this status.
+    Ended(u32),
 }
 
 struct Site {
@@ -65,6 +66,8 @@ struct Judged {
     /// The records in the stream, with their numbers.
     records: Vec<(u64, CommandKind)>,
     tokens_not_sent: Vec<Vec<u8>>,
+    /// How often each of its intents was sent to be carried out.
+    sends: BTreeMap<u64, u32>,
     told: Vec<CommandTold>,
 }
 
@@ -198,6 +201,11 @@ impl World {
     fn send(&mut self, from: From, site: usize, request: CommandRequest) {
         let key = (site, request.id.clone());
         let session = self.sites[site].session;
+        if !request.tell {
+            let judged = self.judged.entry(key.clone()).or_default();
+            let its = judged.records.first().map_or(0, |(number, _)| *number);
+            *judged.sends.entry(its).or_default() += 1;
+        }
         if !self.sites[site].is_up {
             return self.later(1_000, Event::NotDelivered(from, key));
         }
@@ -294,7 +302,7 @@ impl World {
         let is_late = self.now - own.since > request.valid_until_ms;
         let why = FleetRefusal::default();
         let outcome = match own.keys.get(&request.id) {
-            Some(Kept::Ended) => ended(200),
+            Some(Kept::Ended(status)) => ended(*status),
             // Under way, or begun before a restart.
             Some(Kept::Begun) if is_this_run => CommandOutcome::Later(why),
             Some(Kept::Begun) => ended(504),
@@ -340,9 +348,13 @@ impl World {
                 self.later(pause, Event::Site(site, run, key, 1, to));
             }
             _ => {
-                self.sites[site].keys.insert(key.1.clone(), Kept::Ended);
+                // What was not sent in time has ended with that.
+                let acted = self.judged[&key].acts.len();
+                let status = if acted == 1 { 200 } else { 503 };
+                let kept = Kept::Ended(status);
+                self.sites[site].keys.insert(key.1.clone(), kept);
                 if let Some(to) = to {
-                    self.answer(to, key, ended(200));
+                    self.answer(to, key, ended(status));
                 }
             }
         }
@@ -363,7 +375,7 @@ impl World {
                 Event::Record(hub, connection, key, payload, number) => {
                     if self.is_connected(hub, connection) {
                         let name = format!("p{}", key.0);
-                        let record = LedgerInput::Record((&name, &key.1), &payload, number, S(0));
+                        let record = LedgerInput::Record((&name, &key.1), &payload, number);
                         self.input(hub, record);
                     }
                 }
@@ -421,7 +433,7 @@ impl World {
                         let ((site, id), payload) = self.stream[at].clone();
                         let name = format!("p{site}");
                         let number = at as u64 + 1;
-                        let record = LedgerInput::Record((&name, &id), &payload, number, S(0));
+                        let record = LedgerInput::Record((&name, &id), &payload, number);
                         let now = Duration::from_millis(self.now);
                         self.hubs[hub].0.handle(now, record);
                     }
@@ -485,14 +497,17 @@ impl World {
             let acts = judged.acts.len();
             let how = match result {
                 CommandResult::Ended(answer) if answer.status == 200 => "done",
+                CommandResult::Ended(answer) if answer.status == 503 => "expired",
                 CommandResult::Ended(_) => "begun",
                 CommandResult::Never(_) => "never",
                 CommandResult::Unknown(_) => "unknown",
             };
             *ends.entry(how).or_default() += 1;
-            assert!(how != "never" || acts == 0, "never, and it was: {of}");
-            let is_late = acts == 0 && how == "done";
-            assert!(!is_late || self.expired(key), "done, and it was not: {of}");
+            let is_not = how == "never" || how == "expired";
+            assert!(!is_not || acts == 0, "{how}, and it was: {of}");
+            assert!(how != "done" || acts == 1, "done, and it was not: {of}");
+            let most = judged.sends.values().max();
+            assert!(most.is_none_or(|most| *most <= 1), "sent twice: {of}");
             for told in &judged.told {
                 match told {
                     CommandTold::End(its) => {
@@ -506,7 +521,10 @@ impl World {
                         let is_so = its == result || is_both_never || how == "unknown";
                         assert!(is_so, "told another end: {its:?}, {of}");
                     }
-                    CommandTold::OtherCommand | CommandTold::Waiting | CommandTold::NotStored => {}
+                    CommandTold::OtherCommand
+                    | CommandTold::Waiting
+                    | CommandTold::NotKnown
+                    | CommandTold::NotStored => {}
                     CommandTold::TooMany => panic!("{of}"),
                 }
             }
@@ -519,14 +537,8 @@ impl World {
             assert_eq!(ledger.open(), 0, "without an end");
         }
         // All of them happen, or this proves nothing.
-        let all = ["begun", "done", "never", "unknown"];
+        let all = ["begun", "done", "expired", "never", "unknown"];
         assert!(all.iter().all(|how| ends.contains_key(how)), "{ends:?}");
-    }
-
-    /// Whether a site began it and its deadline passed before a frame was sent: that is an end of
-    /// the site's, too.
-    fn expired(&self, (site, id): &Key) -> bool {
-        self.sites[*site].keys.get(id) == Some(&Kept::Ended)
     }
 }
 

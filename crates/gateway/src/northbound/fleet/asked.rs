@@ -1,7 +1,7 @@
 //! What the centre asks of this site: what its API answers, and commands.
 
-use crate::nats::since_boot;
-use crate::remote_api::{RemoteApi, RemoteCommand, RemoteRequest, Settled};
+use crate::clock::since_boot;
+use crate::remote_api::{RemoteApi, RemoteCommand, RemoteKind, RemoteRequest, Settled};
 use crate::remote_order::RemoteOrder;
 use prost::Message as _;
 use railbus_api::problem::{Problem, codes};
@@ -27,17 +27,19 @@ impl RunTime {
         since_boot().saturating_sub(self.began)
     }
 
-    /// How a command came that says this.
-    fn order(&self, asked: &CommandRequest) -> RemoteOrder {
+    /// How a command came that says this, at this time since the machine was booted.
+    fn order(&self, asked: &CommandRequest, (since_boot, own): (Duration, Instant)) -> RemoteOrder {
         let is_this_run = asked.boot == self.boot;
-        let until = Duration::from_millis(asked.valid_until_ms);
-        let (now, own) = (self.now(), Instant::now());
+        let (now, until) = (
+            since_boot.saturating_sub(self.began),
+            Duration::from_millis(asked.valid_until_ms),
+        );
         let most = Duration::from_micros(WITHIN_MAX.0);
         // Nothing may be sent later than this, whatever the centre says.
-        let left = until.saturating_sub(now).min(most);
+        let by = self.began + until.min(now + most);
         let passed = (now + most).saturating_sub(until).min(now);
         RemoteOrder {
-            by: is_this_run.then(|| own + left),
+            by: is_this_run.then_some(by),
             tell: asked.tell,
             given: own.checked_sub(passed).filter(|_| is_this_run),
         }
@@ -102,11 +104,12 @@ pub(super) async fn command(
         Ok(asked) => asked,
         Err(why) => {
             let problem = Problem::new(codes::BAD_REQUEST).with("reason", why.to_string());
-            return (not_begun(payload, &problem), Some(permit));
+            return (not_begun(&problem), Some(permit));
         }
     };
-    let tell = asked.tell;
-    let order = run.order(&asked);
+    // In this order: what comes between makes it older.
+    let own = Instant::now();
+    let order = run.order(&asked, (since_boot(), own));
     let request = RemoteRequest {
         method: asked.method,
         path: asked.path,
@@ -134,21 +137,23 @@ pub(super) async fn command(
         Settled::Ended => CommandOutcome::Ended(answer),
         Settled::Never => CommandOutcome::Never(why()),
         Settled::Later => CommandOutcome::Later(why()),
-        Settled::Lost if tell => CommandOutcome::Lost(why()),
-        Settled::Lost => CommandOutcome::Later(why()),
+        Settled::Lost => CommandOutcome::Lost(why()),
     };
     (of(outcome), permit)
 }
 
-/// The answer to a command that did not get as far as the API. What is only asked may have been
-/// begun before.
-pub(super) fn not_begun(payload: &[u8], problem: &Problem) -> CommandAnswer {
-    let why = refusal(problem);
-    let is_first = CommandRequest::decode(payload).is_ok_and(|asked| !asked.tell);
-    of(match is_first {
-        true => CommandOutcome::Never(why),
-        false => CommandOutcome::Later(why),
-    })
+/// The answer to a command that did not get as far as the API: it is asked for again. It may have
+/// come before.
+pub(super) fn not_begun(problem: &Problem) -> CommandAnswer {
+    of(CommandOutcome::Later(refusal(problem)))
+}
+
+/// What a command is for those who give permits.
+pub(super) fn kind(payload: &[u8]) -> RemoteKind {
+    match CommandRequest::decode(payload).is_ok_and(|asked| asked.tell) {
+        true => RemoteKind::Tell,
+        false => RemoteKind::Command,
+    }
 }
 
 fn of(outcome: CommandOutcome) -> CommandAnswer {
@@ -180,7 +185,8 @@ mod tests {
 
     #[test]
     fn a_deadline_counts_in_the_time_of_one_run() {
-        let began = since_boot().saturating_sub(Duration::from_secs(100));
+        let secs = Duration::from_secs;
+        let (began, own) = (secs(1_000), Instant::now());
         let run = RunTime {
             boot: [7; 16],
             began,
@@ -191,32 +197,27 @@ mod tests {
                 valid_until_ms: until_s * 1_000,
                 ..CommandRequest::default()
             };
-            let order = run.order(&asked);
-            let left = |by: Instant| by.saturating_duration_since(Instant::now()).as_secs();
-            let ago = |given: Instant| given.elapsed().as_secs();
-            (order.by.map(left), order.given.map(ago))
+            let order = run.order(&asked, (began + secs(100), own));
+            let ago = order.given.map(|given| own.duration_since(given));
+            (order.by, ago)
         };
         // A minute is the longest that a command may wait: it was not given before.
-        assert_eq!(order([7; 16], 105), (Some(4), Some(55)));
-        assert_eq!(order([7; 16], 90), (Some(0), Some(70)));
-        assert_eq!(order([7; 16], 5), (Some(0), Some(100)));
-        assert_eq!(order([7; 16], u64::MAX / 1_000), (Some(59), Some(0)));
+        let ago = |by: u64, ago: u64| (Some(began + secs(by)), Some(secs(ago)));
+        assert_eq!(order([7; 16], 105), ago(105, 55));
+        assert_eq!(order([7; 16], 90), ago(90, 70));
+        assert_eq!(order([7; 16], 5), ago(5, 100));
+        assert_eq!(order([7; 16], u64::MAX / 1_000), ago(160, 0));
         assert_eq!(order([8; 16], 105), (None, None));
     }
 
     #[test]
-    fn what_is_asked_again_is_not_said_never_to_have_begun() {
-        let problem = Problem::new(codes::OVERLOADED);
-        let answer = |tell| {
-            let asked = CommandRequest {
-                tell,
-                ..CommandRequest::default()
-            };
-            not_begun(&asked.encode_to_vec(), &problem).answer.unwrap()
+    fn what_is_asked_again_has_permits_of_its_own() {
+        let asked = |tell| CommandRequest {
+            tell,
+            ..CommandRequest::default()
         };
-        assert!(matches!(answer(false), CommandOutcome::Never(why) if why.code == "E0105"));
-        assert!(matches!(answer(true), CommandOutcome::Later(_)));
-        let unread = not_begun(&[255], &problem).answer.unwrap();
-        assert!(matches!(unread, CommandOutcome::Later(_)));
+        assert_eq!(kind(&asked(true).encode_to_vec()), RemoteKind::Tell);
+        assert_eq!(kind(&asked(false).encode_to_vec()), RemoteKind::Command);
+        assert_eq!(kind(&[255]), RemoteKind::Command);
     }
 }

@@ -3,10 +3,12 @@
 use super::asked::{self, RunTime, refused};
 use super::connection::{Connection, LinkState, RECONNECT_MAX};
 use crate::access::secret::random;
-use crate::nats::{next, since_boot};
+use crate::clock::since_boot;
+use crate::nats::next;
 use crate::northbound::broker::session::Tries;
 use crate::northbound::outbox::{self, OutboxHandle, OutboxState, Reading, StateAt};
 use crate::northbound::outlet::Outlet;
+use crate::remote_api::RemoteKind;
 use async_nats::connection::State;
 use async_nats::{HeaderMap, Message, StatusCode, Subscriber};
 use prost::Message as _;
@@ -303,19 +305,19 @@ impl Driver {
                 self.handle(UplinkInput::Ended(&session));
                 Vec::new()
             }
-            Some("api") => match self.outlet.api.permit(false) {
+            Some("api") => match self.outlet.api.permit(RemoteKind::Read) {
                 Ok(permit) => {
                     self.ask_api(connection, asked, permit);
                     return;
                 }
                 Err(problem) => refused(&problem).encode_to_vec(),
             },
-            Some("cmd") => match self.outlet.api.permit(true) {
+            Some("cmd") => match self.outlet.api.permit(asked::kind(&asked.payload)) {
                 Ok(permit) => {
                     self.carry_out(connection, asked, permit);
                     return;
                 }
-                Err(problem) => asked::not_begun(&asked.payload, &problem).encode_to_vec(),
+                Err(problem) => asked::not_begun(&problem).encode_to_vec(),
             },
             Some("resend") => self.resend(&asked.payload).encode_to_vec(),
             Some("state") => {
@@ -337,7 +339,7 @@ impl Driver {
         let Some(reply) = asked.reply else {
             return;
         };
-        let (api, client) = (self.outlet.api.clone(), connection.client.clone());
+        let (api, client) = (Arc::clone(&self.outlet.api), connection.client.clone());
         let (name, long) = (self.outlet.name.clone(), Arc::clone(&self.long_answers));
         tokio::spawn(async move {
             let begun = Instant::now();
@@ -363,17 +365,21 @@ impl Driver {
         let Some(reply) = asked.reply else {
             return;
         };
-        let (api, client) = (self.outlet.api.clone(), connection.client.clone());
+        let (api, client) = (Arc::clone(&self.outlet.api), connection.client.clone());
         let (name, rights) = (self.outlet.name.clone(), self.outlet.rights());
         let run = self.run;
         tokio::spawn(async move {
             let (answer, permit) =
                 asked::command(&api, &name, (run, rights), &asked.payload, permit).await;
-            if client.connection_state() == State::Connected {
-                // Both fail if the connection has ended: the centre asks again.
-                let _ = client.publish(reply, answer.encode_to_vec().into()).await;
-                let _ = client.flush().await;
-            }
+            let sent = async {
+                if client.connection_state() == State::Connected {
+                    // Both fail if the connection has ended: the centre asks again.
+                    let _ = client.publish(reply, answer.encode_to_vec().into()).await;
+                    let _ = client.flush().await;
+                }
+            };
+            // A connection that stands still must not keep the permit.
+            let _ = tokio::time::timeout(API_ANSWER_MAX, sent).await;
             drop(permit);
         });
     }

@@ -41,7 +41,8 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
     let newest = all
         .get(all.len().saturating_sub(limit)..)
         .unwrap_or_default();
-    let mut table = Table::new(lang.get(FleetText::CommandsHead).split('|'));
+    let table = Table::new(lang.get(FleetText::CommandsHead).split('|'));
+    let mut table = table.spare(&[3, 0]);
     for one in newest {
         table.add([
             when(&one.at),
@@ -53,12 +54,40 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
     }
     let shown = Records {
         key: "commands",
-        rows: ls::json_of(newest),
-        columns: &["at", "site", "id", "user", "method", "path", "body"],
+        rows: ls::json_of(newest).into_iter().map(flat).collect(),
+        columns: &[
+            "at",
+            "site",
+            "id",
+            "user",
+            "method",
+            "path",
+            "body",
+            "how",
+            "code",
+            "confirmed",
+            "end_at",
+        ],
         value: "id",
         table,
     };
     out::result(lang, &shown.render(context.format))
+}
+
+/// What came of it beside the rest, as CSV has it.
+fn flat(mut command: Value) -> Value {
+    let end = command.get("end").cloned().unwrap_or_default();
+    for (key, name) in [
+        ("how", "how"),
+        ("code", "code"),
+        ("confirmed", "confirmed"),
+        ("at", "end_at"),
+    ] {
+        if let (Some(value), Some(command)) = (end.get(key), command.as_object_mut()) {
+            command.insert(name.to_owned(), value.clone());
+        }
+    }
+    command
 }
 
 /// A time by the clock of this machine.
@@ -98,6 +127,10 @@ fn what(lang: Lang, command: &FleetCommand) -> String {
             state(body.get("value")).map(|state| format!("@{group} {state}"))
         }
         ["scenes", scene, "run"] => Some(format!("scene {scene}")),
+        ["batch"] => body.get("set").and_then(Value::as_array).map(|set| {
+            let paths = set.iter().filter_map(|one| one.get("path")?.as_str());
+            paths.collect::<Vec<_>>().join(" ")
+        }),
         _ => None,
     };
     known.unwrap_or_else(|| format!("{} {path} {}", command.method, command.body))
@@ -114,7 +147,10 @@ fn result(lang: Lang, end: Option<&FleetCommandEnd>) -> String {
         .unwrap_or_default();
     let why = format!("{code} {title}");
     match (end.how.as_str(), code) {
-        ("answered", "") => lang.get(FleetText::Done).to_owned(),
+        ("answered", "") => match end.confirmed.as_deref() {
+            Some("sent") => lang.get(FleetText::SentOnly).to_owned(),
+            _ => lang.get(FleetText::Done).to_owned(),
+        },
         ("answered", _) => why.trim().to_owned(),
         ("never", _) => lang.fill(FleetText::NotDone, &[("why", &why.trim())]),
         _ => lang.get(FleetText::NeverKnown).to_owned(),

@@ -131,6 +131,7 @@ railbus_words::texts! {
     Limit { en: "How many, the newest [20]", zh: "显示最新的几条 [20]" }
     CommandsHead { en: "WHEN|SITE|WHAT|BY|RESULT", zh: "时间|站点|命令|操作者|结果" }
     Done { en: "done", zh: "已完成" }
+    SentOnly { en: "sent, not confirmed", zh: "已发送，未确认" }
     NotDone { en: "not carried out: {why}", zh: "未执行：{why}" }
     NoEndYet { en: "no answer yet", zh: "尚无应答" }
     NeverKnown { en: "not known whether it was carried out", zh: "不知道是否已执行" }

@@ -104,10 +104,10 @@ async fn what_is_known_of_a_command_is_told_without_carrying_it_out() {
     let place = Place::new("told");
     let keys = place.keys();
     let given = Some(Instant::now());
-    let of = |keys: &Once, key: &str| keys.told(&named(key, "li", "k1"), given);
-    assert_eq!(of(&keys, "a"), Ok(KeyTold::Never));
+    let of = |keys: &Once, key: &str, given| keys.told(&named(key, "li", "k1"), given);
+    assert_eq!(of(&keys, "a", given), Ok(KeyTold::Never));
     assert_eq!(ask(&keys, "a", "li", "k1", "1").await, Ok(told("1")));
-    assert_eq!(of(&keys, "a"), Ok(KeyTold::Ended(told("1"))));
+    assert_eq!(of(&keys, "a", given), Ok(KeyTold::Ended(told("1"))));
     let other = keys.told(&named("a", "li", "k2"), given);
     assert_eq!(other, Err(KeyRefusal::OtherCommand));
     assert_eq!(
@@ -120,9 +120,9 @@ async fn what_is_known_of_a_command_is_told_without_carrying_it_out() {
         &digest("li", &named("b", "li", "k1").command),
         Instant::now(),
     );
-    assert_eq!(of(&keys, "b"), Ok(KeyTold::UnderWay));
+    assert_eq!(of(&keys, "b", given), Ok(KeyTold::UnderWay));
     under_way.unwrap().set(None).unwrap();
-    assert_eq!(of(&keys, "b"), Ok(KeyTold::Begun));
+    assert_eq!(of(&keys, "b", given), Ok(KeyTold::Begun));
     // A run before may have had it.
     assert_eq!(
         keys.told(&named("c", "li", "k1"), None),
@@ -133,24 +133,25 @@ async fn what_is_known_of_a_command_is_told_without_carrying_it_out() {
         let end = ask(&keys, &number.to_string(), "li", "k1", "1").await;
         assert!(end.is_ok());
     }
-    assert_eq!(of(&keys, "a"), Ok(KeyTold::Forgotten));
+    assert_eq!(of(&keys, "a", given), Ok(KeyTold::Forgotten));
     let later = Some(Instant::now());
     assert_eq!(
         keys.told(&named("c", "li", "k1"), later),
         Ok(KeyTold::Never)
-    );
-    // So do those whose day is over.
-    let tomorrow = Instant::now() + AGE_MAX + Duration::from_secs(1);
-    keys.slot("d", "li", "k1", tomorrow).unwrap();
-    assert_eq!(
-        keys.told(&named("c", "li", "k1"), given),
-        Ok(KeyTold::Forgotten)
     );
     // A restart knows what was written down.
     let keys = place.keys();
     let last = (KEYS_MAX - 1).to_string();
     let end = keys.told(&named(&last, "li", "k1"), None);
     assert_eq!(end, Ok(KeyTold::Ended(told("1"))));
+    // So do those whose day is over.
+    let keys = Once::open(None);
+    let given = Some(Instant::now());
+    keys.slot("a", "li", "k1", Instant::now()).unwrap();
+    assert_eq!(of(&keys, "c", given), Ok(KeyTold::Never));
+    let tomorrow = Instant::now() + AGE_MAX + Duration::from_secs(1);
+    keys.slot("d", "li", "k1", tomorrow).unwrap();
+    assert_eq!(of(&keys, "c", given), Ok(KeyTold::Forgotten));
 }
 
 #[tokio::test]
