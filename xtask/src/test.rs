@@ -71,7 +71,7 @@ impl Step {
 
 const FMT: Step = step("fmt", fmt);
 const TIDY: Step = step("tidy", |root| tidy::run(root, &[]));
-const CLIPPY: Step = step("clippy", clippy);
+const CLIPPY: Step = step("clippy", |root| clippy(root, &[]));
 
 /// The steps for every save: no port, no process, no page.
 const QUICK: &[Step] = &[
@@ -87,7 +87,6 @@ const STEPS: &[Step] = &[
     TIDY,
     // Before anything else is built, so that the program has the pages inside.
     step("web", web::pages),
-    CLIPPY,
     step("deny", deny).unless(no_deny),
     step("build", |root| {
         nextest(root, &[ALL, &["--no-run"]].concat())
@@ -108,6 +107,11 @@ const STEPS: &[Step] = &[
     with_peers("bench build", |root| BENCH.build(root))
         .unless(|root| BENCH.missing(root))
         .in_background(),
+    // In a folder of its own: cargo would keep the tests from theirs meanwhile.
+    step("clippy", |root| {
+        clippy(root, &["--target-dir", "target/clippy"])
+    })
+    .in_background(),
     step("tests", |root| nextest(root, ALL)),
     with_peers("browser", web::test),
     // They judge by time, too: nothing else may use the machine.
@@ -279,10 +283,10 @@ fn fmt(root: &Path) -> Result<()> {
     })
 }
 
-fn clippy(root: &Path) -> Result<()> {
+fn clippy(root: &Path, place: &[&str]) -> Result<()> {
     let denied = ["--", "-D", "warnings"];
     let mut main = cargo(root, &["clippy", "--workspace", "--all-targets"]);
-    apart(root).fold(run::run(main.args(denied)), |before, path| {
+    apart(root).fold(run::run(main.args(place).args(denied)), |before, path| {
         let mut other = cargo(root, &["clippy", "--manifest-path", path, "--all-targets"]);
         before.and(run::run(other.args(denied)))
     })
