@@ -145,7 +145,10 @@ const DEBIAN: &str = "peers";
 const PACKAGES: Step = step("packages", peers::packages).in_background();
 /// Home Assistant takes minutes to install, and only its own step needs it, which tries again.
 const HOME: Step = step("homeassistant install", |root| {
-    run::run(python(root).args([HOME_ASSISTANT, "--install"]))
+    if let Err(error) = run::run(python(root).args([HOME_ASSISTANT, "--install"])) {
+        run::say(&format!("note: {error}; its step tries again"));
+    }
+    Ok(())
 })
 .unless(no_home_assistant)
 .in_background();

@@ -9,8 +9,8 @@ mod recent;
 
 use crate::centre::StoreEnd;
 use crate::message::{
-    CommandAnswer, CommandEnd, CommandIntent, CommandKind, CommandOutcome, CommandRecord,
-    CommandRequest, CommandResult, FleetRefusal,
+    ApiAnswer, CommandAnswer, CommandEnd, CommandIntent, CommandKind, CommandOutcome,
+    CommandRecord, CommandRequest, CommandResult, FleetRefusal,
 };
 use command::{Command, Stage, is_same, request};
 use prost::Message as _;
@@ -43,6 +43,8 @@ const STORES_MAX: u32 = 120;
 /// How long until a record is read again that was not there yet, and how often.
 const READ_AGAIN: Duration = Duration::from_secs(1);
 const READS_MAX: u32 = 5;
+/// The longest reason of a site, in characters.
+const WORDS_MAX: usize = 200;
 /// The longest answer of a site, in bytes.
 const ANSWER_MAX: usize = 64 << 10;
 /// How long it is asked what came of a command. A site knows it for a day.
@@ -59,14 +61,15 @@ pub enum LedgerInput<'i> {
     /// The connection is lost.
     Lost,
     /// A command is wanted, by the caller with this number, who waits for its end for so long.
+    /// Without a run of its site it can't begin: it is only looked what came of it before.
     Given(u64, CommandName<'i>, CommandIntent, Duration),
-    /// A record, with its number in the stream.
-    Record(CommandName<'i>, &'i [u8], u64),
+    /// A record, with its number in the stream, and how old it is by the clocks of the servers.
+    Record(CommandName<'i>, &'i [u8], u64, Duration),
     /// The result of [`LedgerOutput::Store`] with this number.
     Stored(CommandName<'i>, u64, StoreEnd),
-    /// The result of [`LedgerOutput::Read`] with this number: the last record and its number in the
-    /// stream; none if there is none, or that failed.
-    Read(CommandName<'i>, u64, Option<(&'i [u8], u64)>),
+    /// The result of [`LedgerOutput::Read`] with this number: [`None`] if that failed, `Some(None)`
+    /// if there is no record, otherwise the last one and its number in the stream.
+    Read(CommandName<'i>, u64, Option<Option<(&'i [u8], u64)>>),
     /// The result of [`LedgerOutput::Send`] with this number.
     Said(CommandName<'i>, u64, SiteSaid<'i>),
 }
@@ -116,6 +119,8 @@ pub enum CommandTold {
     Waiting,
     /// Whether the id stands for a command is not known.
     NotKnown,
+    /// There is no command of this id, and its site is not there. Nothing was sent.
+    Offline,
     /// The id stands for another command. Nothing was sent.
     OtherCommand,
     /// It could not be written down. For this caller nothing was sent, and nothing will be.
@@ -173,9 +178,9 @@ impl Ledger {
             LedgerInput::Given(number, name, intent, wait) => {
                 self.given(number, name, intent, (now, now + wait));
             }
-            LedgerInput::Record(name, payload, number) => {
+            LedgerInput::Record(name, payload, number, age) => {
                 match CommandRecord::decode(payload).map(|record| record.record) {
-                    Ok(Some(record)) => self.record(now, name, record, number),
+                    Ok(Some(record)) => self.record(now, name, record, (number, age)),
                     Ok(None) | Err(_) => self.unreadable += 1,
                 }
             }
@@ -371,21 +376,30 @@ impl Ledger {
         }
         let first = (key.0.clone(), String::new());
         let of_site = self.open.range(first..);
-        let of_site = of_site.take_while(|((its, _), _)| *its == key.0).count();
+        let of_site = of_site.take_while(|((its, _), _)| *its == key.0);
+        let of_site = of_site
+            .filter(|(_, command)| command.is_under_way())
+            .count();
         if self.open.len() >= GIVEN_MAX || of_site >= OF_SITE_MAX {
             return self.tell(number, CommandTold::TooMany);
         }
         self.number += 1;
-        self.outputs.push_back(LedgerOutput::Store {
-            number: self.number,
-            site: key.0.clone(),
-            id: key.1.clone(),
-            payload: record(CommandKind::Intent(intent.clone())),
-            after: 0,
-        });
+        let can_begin = !intent.boot.is_empty();
+        if can_begin {
+            self.outputs.push_back(LedgerOutput::Store {
+                number: self.number,
+                site: key.0.clone(),
+                id: key.1.clone(),
+                payload: record(CommandKind::Intent(intent.clone())),
+                after: 0,
+            });
+        }
         let command = Command {
             intent,
-            stage: Stage::Storing,
+            stage: match can_begin {
+                true => Stage::Storing,
+                false => Stage::Reading(Some(now), 0),
+            },
             pending: self.number,
             seen: None,
             callers: vec![(number, until)],
@@ -395,16 +409,24 @@ impl Ledger {
     }
 
     /// A record is in the stream.
-    fn record(&mut self, now: Duration, name: CommandName<'_>, record: CommandKind, number: u64) {
+    fn record(
+        &mut self,
+        now: Duration,
+        name: CommandName<'_>,
+        record: CommandKind,
+        (number, age): (u64, Duration),
+    ) {
         self.recent.add(view_of(name, &record));
         let key = (name.0.to_owned(), name.1.to_owned());
         match (record, self.open.get_mut(&key)) {
             (CommandKind::Intent(intent), Some(command)) => {
                 // The same id may be of another centre, which sent it.
                 let is_ours = intent.token == command.intent.token;
-                command.seen = Some((number, intent));
                 match command.stage {
                     Stage::Dropped(_) if is_ours => self.never_sent(now, &key, number),
+                    Stage::Storing | Stage::Reading(..) | Stage::Dropped(_) => {
+                        command.seen = Some((number, intent));
+                    }
                     _ => {}
                 }
             }
@@ -416,7 +438,8 @@ impl Ledger {
                         pending: 0,
                         seen: None,
                         callers: Vec::new(),
-                        known_until: now + KNOWN,
+                        // It is asked for once, however old it is.
+                        known_until: now + KNOWN.saturating_sub(age).max(2 * TAKEN_OVER),
                     };
                     self.open.insert(key, command);
                 }
@@ -442,18 +465,19 @@ impl Ledger {
             return;
         };
         // It may have been sent: then the end is of this command, whatever it says of which it is.
-        let is_it = match (&command.stage, &end.intent) {
-            (Stage::Storing | Stage::Reading(..) | Stage::Dropped(_), Some(intent)) => {
-                is_same(intent, &command.intent)
-            }
-            _ => true,
+        let was_sent = matches!(
+            command.stage,
+            Stage::Sent(_) | Stage::Open(..) | Stage::Ending(..)
+        );
+        let told = match &end.intent {
+            _ if was_sent => CommandTold::End(Arc::clone(end)),
+            Some(intent) if is_same(intent, &command.intent) => CommandTold::End(Arc::clone(end)),
+            Some(_) => CommandTold::OtherCommand,
+            // One of a newer version.
+            None => CommandTold::NotKnown,
         };
         for (number, _) in command.callers {
-            let told = match is_it {
-                true => CommandTold::End(Arc::clone(end)),
-                false => CommandTold::OtherCommand,
-            };
-            self.tell(number, told);
+            self.tell(number, told.clone());
         }
     }
 
@@ -517,12 +541,13 @@ impl Ledger {
     }
 
     /// The last record was read.
-    fn read(&mut self, now: Duration, name: CommandName<'_>, found: Option<(&[u8], u64)>) {
+    fn read(&mut self, now: Duration, name: CommandName<'_>, found: Option<Option<(&[u8], u64)>>) {
         let key = (name.0.to_owned(), name.1.to_owned());
         let Some(command) = self.open.get_mut(&key) else {
             return;
         };
-        let found = found.and_then(|(payload, number)| {
+        let is_none = found == Some(None);
+        let found = found.flatten().and_then(|(payload, number)| {
             let record = CommandRecord::decode(payload).ok()?.record?;
             Some((record, number))
         });
@@ -540,6 +565,13 @@ impl Ledger {
                     self.tell(number, CommandTold::OtherCommand);
                 }
             }
+            (None, Stage::Reading(..)) if is_none && command.intent.boot.is_empty() => {
+                let callers = std::mem::take(&mut command.callers);
+                self.open.remove(&key);
+                for (number, _) in callers {
+                    self.tell(number, CommandTold::Offline);
+                }
+            }
             // It may be on its way to the other servers.
             (None, Stage::Reading(again, tries)) if *tries < READS_MAX => {
                 *tries += 1;
@@ -553,7 +585,21 @@ impl Ledger {
                 }
             }
             // The stream lost what it had, and has the intent under another number, or none.
-            (Some((CommandKind::Intent(_), number)), Stage::Ending(after, ..)) => *after = number,
+            (Some((CommandKind::Intent(intent), number)), Stage::Ending(after, end, ..)) => {
+                if intent.token == command.intent.token {
+                    *after = number;
+                    return;
+                }
+                // Another one took its id, and is carried out elsewhere.
+                let told = CommandTold::End(Arc::clone(end));
+                let callers = std::mem::take(&mut command.callers);
+                command.intent = intent;
+                command.stage = Stage::Open(number, Some(now + TAKEN_OVER), 0);
+                for (number, _) in callers {
+                    self.tell(number, told.clone());
+                }
+            }
+            (None, Stage::Ending(after, ..)) if is_none => *after = 0,
             // It is stored again.
             _ => {}
         }
@@ -582,12 +628,21 @@ impl Ledger {
                 Some(CommandResult::Unknown(long))
             }
             Some(CommandOutcome::Ended(answer)) if (200..600).contains(&answer.status) => {
-                Some(CommandResult::Ended(answer))
+                let content_type = clipped(&answer.content_type);
+                Some(CommandResult::Ended(ApiAnswer {
+                    content_type,
+                    refusal: None,
+                    ..answer
+                }))
             }
-            Some(CommandOutcome::Never(why)) => Some(CommandResult::Never(why)),
+            Some(CommandOutcome::Never(why)) => Some(CommandResult::Never(short(&why))),
             // A site of a version that knows no commands.
-            Some(CommandOutcome::NotUnderstood(why)) if is_first => Some(CommandResult::Never(why)),
-            Some(CommandOutcome::Lost(why)) if !is_first => Some(CommandResult::Unknown(why)),
+            Some(CommandOutcome::NotUnderstood(why)) if is_first => {
+                Some(CommandResult::Never(short(&why)))
+            }
+            Some(CommandOutcome::Lost(why)) if !is_first => {
+                Some(CommandResult::Unknown(short(&why)))
+            }
             // Nobody heard of it, and nobody will: it is sent once.
             _ if is_first && said == SiteSaid::NotDelivered => {
                 let away = refusal("E0168", "it is not connected");
@@ -610,6 +665,15 @@ impl Ledger {
             }
         };
     }
+}
+
+/// No more of it than a site by railbus says.
+fn clipped(text: &str) -> String {
+    text.chars().take(WORDS_MAX).collect()
+}
+
+fn short(why: &FleetRefusal) -> FleetRefusal {
+    refusal(&clipped(&why.code), &clipped(&why.reason))
 }
 
 fn refusal(code: &str, reason: &str) -> FleetRefusal {

@@ -389,7 +389,13 @@ async fn what_came_of_a_remote_command_is_told_in_any_language() {
     let over = Some(since_boot().saturating_sub(Duration::from_secs(1)));
     let coming = Some(since_boot() + Duration::from_secs(60));
     for language in ["", "zh", "en"] {
-        for point in ["oven/k1", "pump/do0", "nothing/k1"] {
+        for (point, points) in [
+            ("oven/k1", &["oven", "nothing"][..]),
+            ("nothing/k1", &["oven", "nothing"]),
+            ("pump/do0", &["oven", "nothing"]),
+            // Nothing at all any more.
+            ("pump/do0", &[""]),
+        ] {
             for (by, tell, given, wanted) in [
                 (over, false, Some(own), Settled::Never),
                 (over, true, Some(own), Settled::Never),
@@ -406,7 +412,7 @@ async fn what_came_of_a_remote_command_is_told_in_any_language() {
                     command: Some(RemoteCommand {
                         rights: Rights {
                             role: Role::Operator,
-                            points: ["oven".to_owned(), "nothing".to_owned()].into(),
+                            points: points.iter().map(|&point| point.to_owned()).collect(),
                         },
                         key: "c1".to_owned(),
                         body: b"{\"value\":true}".to_vec(),

@@ -59,6 +59,15 @@ impl Command {
         }
     }
 
+    /// Whether it counts among those of its site: it may still be carried out, or somebody waits.
+    pub(super) fn is_under_way(&self) -> bool {
+        match self.stage {
+            Stage::Dropped(_) => false,
+            Stage::Ending(..) => !self.callers.is_empty(),
+            _ => true,
+        }
+    }
+
     /// Tells callers whose time is over.
     pub(super) fn tell_late(
         &mut self,
@@ -74,7 +83,8 @@ impl Command {
             }
             let told = match stage {
                 Stage::Ending(_, end, ..) => CommandTold::End(Arc::clone(end)),
-                _ => CommandTold::Waiting,
+                Stage::Storing | Stage::Reading(..) | Stage::Dropped(_) => CommandTold::NotKnown,
+                Stage::Sent(_) | Stage::Open(..) => CommandTold::Waiting,
             };
             outputs.push_back(LedgerOutput::Tell(*number, told));
             false

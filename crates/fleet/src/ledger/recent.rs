@@ -12,6 +12,9 @@ const BODY_SHOWN: usize = 200;
 /// The longest reason, in characters.
 const REASON_SHOWN: usize = 200;
 
+/// How outputs are known to be so, the weakest first.
+const CONFIRMED: [&str; 3] = ["sent", "reply", "readback"];
+
 /// A command, for people.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CommandView {
@@ -66,11 +69,12 @@ impl Recent {
             }
             return;
         }
-        // The end of one that was forgotten is not the newest.
-        let at = self.0.partition_point(|one| one.at_ms <= view.at_ms);
-        self.0.insert(at, view);
-        if self.0.len() > RECENT_MAX {
-            self.0.pop_front();
+        // Of one that was forgotten the end is not shown, either: it is not among the newest.
+        if view.end.is_none() {
+            if self.0.len() >= RECENT_MAX {
+                self.0.pop_front();
+            }
+            self.0.push_back(view);
         }
     }
 }
@@ -104,9 +108,7 @@ pub(super) fn view_of((site, id): CommandName<'_>, record: &CommandKind) -> Opti
         Some(CommandResult::Ended(answer)) => {
             let body: Value = serde_json::from_slice(&answer.body).unwrap_or_default();
             let code = problem_code(answer, &body);
-            let confirmed = body.get("confirmed").and_then(Value::as_str);
-            let confirmed = confirmed.filter(|_| code.is_none());
-            let confirmed = confirmed.map(|word| word.chars().take(REASON_SHOWN).collect());
+            let confirmed = confirmed(&body).filter(|_| code.is_none());
             ("answered", (code, String::new()), confirmed)
         }
         Some(CommandResult::Never(why)) => ("never", refused(why), None),
@@ -146,6 +148,16 @@ fn problem_code(answer: &ApiAnswer, body: &Value) -> Option<String> {
     first.or_else(|| is_undone.then(|| "E1101".to_owned()))
 }
 
+/// How all of its outputs are known to be so: the weakest of the words of the API.
+fn confirmed(body: &Value) -> Option<String> {
+    let results = body.get("results").and_then(Value::as_array);
+    let each = results.into_iter().flatten().chain([body]);
+    let words = each.filter_map(|one| one.get("confirmed")?.as_str());
+    let rank = |word: &str| CONFIRMED.iter().position(|known| *known == word);
+    let weakest = words.filter_map(rank).min()?;
+    CONFIRMED.get(weakest).map(|word| (*word).to_owned())
+}
+
 /// A code, if it is one.
 fn code_of(text: &str) -> Option<String> {
     let digits = text.strip_prefix('E')?;
@@ -156,6 +168,7 @@ fn code_of(text: &str) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::message::CommandEnd;
     use serde_json::json;
 
     fn code(status: u32, body: &Value) -> Option<String> {
@@ -189,24 +202,40 @@ mod tests {
     }
 
     #[test]
-    fn an_end_that_comes_late_is_not_the_newest() {
-        let view = |id: &str, at_ms: i64| {
-            let intent = CommandIntent {
-                at_ms,
-                ..CommandIntent::default()
-            };
-            view_of(("p1", id), &CommandKind::Intent(intent))
+    fn several_outputs_are_known_as_well_as_the_worst_of_them() {
+        let known = |words: &[&str]| {
+            let results: Vec<_> = words
+                .iter()
+                .map(|word| json!({ "confirmed": word }))
+                .collect();
+            confirmed(&json!({ "results": results }))
         };
+        assert_eq!(
+            known(&["readback", "sent", "reply"]).as_deref(),
+            Some("sent")
+        );
+        assert_eq!(known(&["readback", "reply"]).as_deref(), Some("reply"));
+        assert_eq!(known(&["\u{1b}[31m"]), None);
+        let one = confirmed(&json!({ "confirmed": "readback" }));
+        assert_eq!(one.as_deref(), Some("readback"));
+    }
+
+    #[test]
+    fn an_end_of_one_that_was_forgotten_is_not_among_the_newest() {
+        let view = |id: &str| view_of(("p1", id), &CommandKind::Intent(CommandIntent::default()));
         let mut recent = Recent::default();
-        recent.add(view("b", 2));
-        recent.add(view("a", 1));
-        let ids: Vec<_> = recent.iter().map(|one| one.id.as_str()).collect();
-        assert_eq!(ids, ["a", "b"]);
-        for at in 0..RECENT_MAX {
-            recent.add(view(&at.to_string(), 10 + i64::try_from(at).unwrap()));
+        for at in 0..=RECENT_MAX {
+            recent.add(view(&at.to_string()));
         }
-        recent.add(view("old", 0));
+        let end = CommandEnd {
+            intent: Some(CommandIntent::default()),
+            ..CommandEnd::default()
+        };
+        for id in ["0", "1"] {
+            recent.add(view_of(("p1", id), &CommandKind::End(end.clone())));
+        }
         assert_eq!(recent.iter().count(), RECENT_MAX);
-        assert!(recent.iter().all(|one| one.id != "old"));
+        let first = recent.iter().next().unwrap();
+        assert_eq!((first.id.as_str(), first.end.is_some()), ("1", true));
     }
 }

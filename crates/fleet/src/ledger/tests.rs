@@ -66,7 +66,7 @@ impl Hub {
     }
 
     fn read(&mut self, found: Option<(&[u8], u64)>) {
-        self.handle(LedgerInput::Read(NAME, self.2, found));
+        self.handle(LedgerInput::Read(NAME, self.2, Some(found)));
     }
 
     fn said(&mut self, said: SiteSaid<'_>) {
@@ -120,6 +120,9 @@ fn result(told: Option<&CommandTold>) -> Option<&CommandResult> {
 fn a_command_is_written_down_then_sent_then_its_end_is_written_down() {
     let mut hub = Hub::new();
     hub.sent();
+    let stored = record(CommandKind::Intent(intent("/x", 1)));
+    hub.handle(LedgerInput::Record(NAME, &stored, 7, S(0)));
+    assert_eq!(hub.outputs(), []);
     hub.said(SiteSaid::Answer(&done()));
     assert!(is_store(&hub.outputs(), 7));
     hub.stored(StoreEnd::Stored(8));
@@ -144,7 +147,7 @@ fn what_could_not_be_written_down_is_not_sent() {
         assert_eq!(told(&outputs), Some(&CommandTold::NotStored));
         // It was stored after all: it ends, and still is not sent.
         let late = record(CommandKind::Intent(intent("/x", 1)));
-        hub.handle(LedgerInput::Record(NAME, &late, 7));
+        hub.handle(LedgerInput::Record(NAME, &late, 7, S(0)));
         hub.handle(LedgerInput::Connected);
         assert!(is_store(&hub.outputs(), 7));
     }
@@ -158,7 +161,7 @@ fn the_command_of_another_centre_is_not_ended_as_one_that_was_not_sent() {
     hub.stored(StoreEnd::Unknown);
     hub.outputs();
     let theirs = record(CommandKind::Intent(intent("/x", 2)));
-    hub.handle(LedgerInput::Record(NAME, &theirs, 7));
+    hub.handle(LedgerInput::Record(NAME, &theirs, 7, S(0)));
     assert_eq!(hub.outputs(), []);
 }
 
@@ -203,7 +206,7 @@ fn without_an_answer_the_site_is_asked_what_came_of_it() {
 fn a_day_later_it_is_not_known_for_ever() {
     let mut hub = Hub::new();
     let other = record(CommandKind::Intent(intent("/x", 2)));
-    hub.handle(LedgerInput::Record(NAME, &other, 7));
+    hub.handle(LedgerInput::Record(NAME, &other, 7, S(0)));
     hub.asks(TAKEN_OVER);
     hub.1 += KNOWN - TAKEN_OVER - Duration::from_millis(1);
     assert_eq!(hub.outputs(), []);
@@ -224,11 +227,100 @@ fn a_day_later_it_is_not_known_for_ever() {
     assert!(matches!(end.end, Some(CommandResult::Unknown(why)) if why.code == "E0169"));
 }
 
+/// However often centres are started meanwhile.
+#[test]
+fn an_old_command_is_asked_for_once() {
+    let mut hub = Hub::new();
+    let old = record(CommandKind::Intent(intent("/x", 2)));
+    hub.handle(LedgerInput::Record(NAME, &old, 7, KNOWN * 3));
+    assert_eq!(hub.outputs(), []);
+    hub.asks(TAKEN_OVER);
+    hub.said(SiteSaid::NotDelivered);
+    hub.asks(ASK * 2);
+    hub.1 += TAKEN_OVER;
+    assert!(is_store(&hub.outputs(), 7));
+}
+
+/// Without a heartbeat of its site a command can't begin: nothing is written down.
+#[test]
+fn what_can_not_begin_is_only_looked_for() {
+    let given = |hub: &mut Hub| {
+        let wanted = CommandIntent {
+            boot: Vec::new(),
+            ..intent("/x", 1)
+        };
+        let read = hub.given(1, wanted);
+        assert!(matches!(&read[..], [LedgerOutput::Read(..)]), "{read:?}");
+    };
+    let mut hub = Hub::new();
+    given(&mut hub);
+    hub.read(None);
+    assert_eq!(told(&hub.outputs()), Some(&CommandTold::Offline));
+    assert_eq!(hub.0.open(), 0);
+    // What came of it before is told.
+    given(&mut hub);
+    let ended = CommandResult::Ended(ApiAnswer::default());
+    let first = record(CommandKind::End((*end(&intent("/x", 9), ended, 0)).clone()));
+    hub.read(Some((&first, 4)));
+    let outputs = hub.outputs();
+    assert!(matches!(
+        result(told(&outputs)),
+        Some(CommandResult::Ended(_))
+    ));
+    // That it can't be read says nothing.
+    given(&mut hub);
+    for _ in 0..=READS_MAX {
+        hub.handle(LedgerInput::Read(NAME, hub.2, None));
+        let outputs = hub.outputs();
+        if let Some(told) = told(&outputs) {
+            assert_eq!(told, &CommandTold::NotKnown);
+        }
+        hub.1 += READ_AGAIN;
+        hub.outputs();
+    }
+    assert!(matches!(
+        hub.given(2, intent("/x", 1))[..],
+        [LedgerOutput::Tell(2, CommandTold::NotKnown)]
+    ));
+}
+
+/// The stream was lost, and another command took the id.
+#[test]
+fn an_end_is_not_stored_for_another_command_of_the_same_id() {
+    let mut hub = Hub::new();
+    hub.sent();
+    hub.said(SiteSaid::NotDelivered);
+    hub.outputs();
+    hub.stored(StoreEnd::Conflict);
+    hub.outputs();
+    let other = record(CommandKind::Intent(intent("/x", 2)));
+    hub.read(Some((&other, 3)));
+    let outputs = hub.outputs();
+    assert!(matches!(
+        result(told(&outputs)),
+        Some(CommandResult::Never(_))
+    ));
+    hub.asks(TAKEN_OVER);
+    // Its own, under another number, or none, gets its end.
+    for (found, after) in [(Some(3), 3), (None, 0)] {
+        let mut hub = Hub::new();
+        hub.sent();
+        hub.said(SiteSaid::NotDelivered);
+        hub.outputs();
+        hub.stored(StoreEnd::Conflict);
+        hub.outputs();
+        let own = record(CommandKind::Intent(intent("/x", 1)));
+        hub.read(found.map(|number| (own.as_slice(), number)));
+        hub.1 += STORE_AGAIN;
+        assert!(is_store(&hub.outputs(), after));
+    }
+}
+
 #[test]
 fn another_centre_ends_its_own_commands_first() {
     let mut hub = Hub::new();
     let other = record(CommandKind::Intent(intent("/x", 2)));
-    hub.handle(LedgerInput::Record(NAME, &other, 7));
+    hub.handle(LedgerInput::Record(NAME, &other, 7, S(0)));
     hub.1 += TAKEN_OVER - S(1);
     assert_eq!(hub.outputs(), []);
     hub.asks(S(1));
@@ -278,7 +370,7 @@ fn a_late_result_is_not_taken_for_that_of_the_next_one() {
     let late = hub.2;
     let ended = CommandResult::Ended(ApiAnswer::default());
     let ended = record(CommandKind::End((*end(&intent("/x", 1), ended, 0)).clone()));
-    hub.handle(LedgerInput::Record(NAME, &ended, 8));
+    hub.handle(LedgerInput::Record(NAME, &ended, 8, S(0)));
     hub.outputs();
     assert!(is_store(&hub.given(1, intent("/x", 2)), 0));
     hub.handle(LedgerInput::Stored(NAME, late, StoreEnd::Stored(8)));
@@ -316,7 +408,7 @@ fn so_many_are_open_and_no_more() {
     let lost = record(CommandKind::Intent(intent("/x", 2)));
     for at in 0..OPEN_MAX {
         let (site, id) = (format!("q{}", at / 100), format!("d{at}"));
-        hub.handle(LedgerInput::Record((&site, &id), &lost, 1));
+        hub.handle(LedgerInput::Record((&site, &id), &lost, 1, S(0)));
     }
     assert_eq!(hub.0.open(), OPEN_MAX);
     // So many are asked at a time, and of each site no more than its share.
@@ -348,7 +440,7 @@ fn what_was_seen_in_the_stream_is_not_forgotten() {
     let mut hub = Hub::new();
     hub.given(1, intent("/x", 1));
     let ours = record(CommandKind::Intent(intent("/x", 1)));
-    hub.handle(LedgerInput::Record(NAME, &ours, 7));
+    hub.handle(LedgerInput::Record(NAME, &ours, 7, S(0)));
     hub.stored(StoreEnd::Unknown);
     let outputs = hub.outputs();
     let is_ended = matches!(
@@ -363,7 +455,7 @@ fn what_was_seen_in_the_stream_is_not_forgotten() {
     let mut hub = Hub::new();
     hub.given(1, intent("/x", 1));
     let theirs = record(CommandKind::Intent(intent("/x", 2)));
-    hub.handle(LedgerInput::Record(NAME, &theirs, 7));
+    hub.handle(LedgerInput::Record(NAME, &theirs, 7, S(0)));
     hub.stored(StoreEnd::Unknown);
     hub.outputs();
     hub.1 += TAKEN_OVER;
@@ -440,7 +532,7 @@ fn what_can_not_be_stored_at_all_does_not_stay_for_ever() {
 fn what_is_no_record_is_counted() {
     let mut hub = Hub::new();
     for payload in [&[255_u8][..], &[]] {
-        hub.handle(LedgerInput::Record(NAME, payload, 1));
+        hub.handle(LedgerInput::Record(NAME, payload, 1, S(0)));
     }
     assert_eq!((hub.0.unreadable(), hub.0.open()), (2, 0));
 }

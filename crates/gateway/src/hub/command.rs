@@ -25,6 +25,8 @@ use std::time::{Duration, SystemTime};
 
 /// The longest body of a command, in bytes.
 const BODY_MAX: usize = 16 << 10;
+/// The longest path, in bytes: names have 64 characters.
+const PATH_MAX: usize = 1_024;
 /// How long the end of a command is waited for, besides the time in which it is sent: reading back,
 /// the way, and storing what came of it.
 const END_MAX: Duration = Duration::from_secs(15);
@@ -71,7 +73,7 @@ impl GivenCommand {
         if !is_command(method, path) {
             return Err(remote_api::not_remote(method));
         }
-        if body.len() > BODY_MAX {
+        if body.len() > BODY_MAX || path.len() > PATH_MAX || language.len() > PATH_MAX {
             return Err(wrong("the body is longer than 16 KiB"));
         }
         let is_letter = |letter: u8| letter.is_ascii_alphanumeric() || letter == b'-';
@@ -170,6 +172,7 @@ pub(super) async fn give(calls: &Calls, given: GivenCommand) -> Response<Body> {
         CommandTold::TooMany if is_again => open("it is not known whether it was sent before"),
         CommandTold::OtherCommand => Problem::new(codes::BAD_REQUEST)
             .with("reason", "this Idempotency-Key stands for another command"),
+        CommandTold::Offline => offline(&site),
         CommandTold::NotStored if is_again => open("it is not known whether it was sent before"),
         CommandTold::NotStored => {
             let reason = "not sent: it could not be written down first";

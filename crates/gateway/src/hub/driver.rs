@@ -236,7 +236,12 @@ impl Driver {
         for document in std::mem::take(&mut opened.documents) {
             let (subject, payload) = (&document.subject, &document.payload);
             if let Some(name) = command_of(subject) {
-                self.note(LedgerInput::Record(name, payload, document.number));
+                self.note(LedgerInput::Record(
+                    name,
+                    payload,
+                    document.number,
+                    document.age,
+                ));
                 continue;
             }
             match subject.starts_with("rb.up.") {
@@ -293,7 +298,12 @@ impl Driver {
                 }
                 Heard::Record(document) => {
                     if let Some(name) = command_of(&document.subject) {
-                        let record = LedgerInput::Record(name, &document.payload, document.number);
+                        let record = LedgerInput::Record(
+                            name,
+                            &document.payload,
+                            document.number,
+                            document.age,
+                        );
                         self.note(record);
                     }
                 }
@@ -332,6 +342,7 @@ impl Driver {
                         subject: record.subject.to_string(),
                         payload: record.payload.to_vec(),
                         number: info.stream_sequence,
+                        age: Duration::ZERO,
                     }),
                     Err(error) => broken(&error),
                 },
@@ -401,10 +412,10 @@ impl Driver {
                 self.note(LedgerInput::Stored((&site, &id), number, end));
             }
             StreamEnd::RecordRead((site, id, of), found) => {
-                // One that is gone can't be read.
-                let found = found.flatten();
-                let found = found.as_ref();
-                let found = found.map(|(payload, number)| (payload.as_slice(), *number));
+                let found = found.as_ref().map(|found| {
+                    let found = found.as_ref();
+                    found.map(|(payload, number)| (payload.as_slice(), *number))
+                });
                 self.note(LedgerInput::Read((&site, &id), of, found));
             }
             StreamEnd::Sent((site, id, number), end) => {

@@ -36,7 +36,7 @@ const COMMANDS: &str = "rb.cmd.*.*";
 /// How long that is kept.
 const COMMANDS_KEPT: Duration = Duration::from_secs(90 * 24 * 60 * 60);
 /// For how long before the newest one it is read: a site knows for a day what came of a command.
-const COMMANDS_READ: Duration = Duration::from_secs(48 * 60 * 60);
+const COMMANDS_READ: Duration = Duration::from_secs(7 * 24 * 60 * 60);
 /// The longest record of a command, in bytes.
 const COMMAND_MAX: i32 = 256 << 10;
 /// The copies that a stream has, where there are enough servers.
@@ -67,6 +67,8 @@ pub(super) struct Document {
     pub(super) subject: String,
     pub(super) payload: Vec<u8>,
     pub(super) number: u64,
+    /// How much older it is than the newest of its stream.
+    pub(super) age: Duration,
 }
 
 /// A subscribed connection.
@@ -283,6 +285,7 @@ async fn read(
         .create_consumer(config)
         .await
         .map_err(|error| no_streams(&error))?;
+    let newest = stream.cached_info().state.last_timestamp;
     let mut left = consumer.cached_info().num_pending;
     let mut messages = consumer
         .messages()
@@ -297,6 +300,8 @@ async fn read(
         left = info.pending;
         into.push(Document {
             number: info.stream_sequence,
+            // One that came since is new.
+            age: (newest - info.published).try_into().unwrap_or_default(),
             subject: message.subject.to_string(),
             payload: message.payload.to_vec(),
         });

