@@ -184,7 +184,7 @@ impl World {
                 LedgerOutput::Tell(caller, told) => {
                     let (_, key, token) = self.callers.remove(&caller).expect("told once");
                     let judged = self.judged.entry(key).or_default();
-                    if told == CommandTold::NotStored {
+                    if matches!(told, CommandTold::NotStored | CommandTold::TooMany) {
                         judged.tokens_not_sent.push(token);
                     }
                     judged.told.push(told);
@@ -528,8 +528,9 @@ impl World {
                     CommandTold::OtherCommand
                     | CommandTold::Waiting
                     | CommandTold::NotKnown
+                    | CommandTold::TooMany
                     | CommandTold::NotStored => {}
-                    CommandTold::TooMany | CommandTold::Offline => panic!("{of}"),
+                    CommandTold::Offline => panic!("{of}"),
                 }
             }
             if judged.tokens_not_sent.contains(&intent.token) {
