@@ -131,7 +131,9 @@ fn a_frame_that_may_change_something_is_sent_where_it_is_meant() {
         (&sent["outcome"], &sent["refused"]),
         (&json!("answered"), &json!(false))
     );
-    assert_eq!(sent["bytes"], "03 05 00 3C FF 00 4D D4");
+    // All that was heard: on a busy machine a late reply to a poll comes before it.
+    let heard = sent["bytes"].as_str().unwrap_or_default();
+    assert!(heard.ends_with("03 05 00 3C FF 00 4D D4"), "{heard}");
     let known = daemon.get("/api/v1/points/oven/k1").json();
     assert_eq!(
         (&known["value"], &known["quality"]),
