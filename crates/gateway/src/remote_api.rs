@@ -101,6 +101,10 @@ pub(crate) struct RemoteApi {
 }
 
 /// What a remote caller wants.
+#[cfg_attr(
+    not(any(test, feature = "fleet")),
+    expect(dead_code, reason = "no other outlet has remote callers")
+)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum RemoteKind {
     /// To read.
