@@ -145,16 +145,16 @@ pub struct FleetCommand {
     pub path: String,
     /// The beginning of the body.
     pub body: String,
-    /// What came of it; none as long as that is not known.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    /// Its result; none as long as there is none.
+    #[serde(flatten)]
     pub end: Option<FleetCommandEnd>,
 }
 
-/// What came of a command.
+/// The result of a command.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FleetCommandEnd {
-    /// `answered`: the site said what came of it. `never`: it was not carried out. `unknown`:
-    /// whether it was is not known.
+    /// `answered`: the site reported the result. `never`: it was not carried out. `unknown`:
+    /// whether it was carried out is not known.
     pub how: String,
     /// The code of the problem, if there was one; of several outputs that of the first. `HTTP` and
     /// the status if the answer was none of railbus.
@@ -167,5 +167,5 @@ pub struct FleetCommandEnd {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
     /// When that was known, by the centre's clock, as RFC 3339 in UTC.
-    pub at: String,
+    pub end_at: String,
 }

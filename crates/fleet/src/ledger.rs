@@ -2,7 +2,7 @@
 //!
 //! A command is a record before its site hears of it, and so is its end. Both are written by
 //! compare-and-set, so that of two centres only one gives a command its end. It is sent once; if no
-//! answer comes, its site is asked what came of it, and never to begin it. docs/decisions/0056
+//! answer comes, its site is asked for the result, and never to begin it. docs/decisions/0056
 
 mod command;
 mod recent;
@@ -28,14 +28,14 @@ const OF_SITE_MAX: usize = 64;
 const OPEN_MAX: usize = 8_192;
 /// The most callers that wait for one command.
 const CALLERS_MAX: usize = 64;
-/// How many commands are asked for at a time, and how many of one site.
+/// For how many commands sites are asked at a time, and for how many of one site.
 const ASKED_MAX: usize = 64;
 const ASKED_OF_SITE_MAX: usize = 4;
 /// How long another centre is given to end its own command.
 const TAKEN_OVER: Duration = Duration::from_secs(60);
-/// After so long sites are asked what came of a command, and twice as long each time.
+/// After so long a site is asked for the result of a command; the interval doubles each time.
 const ASK: Duration = Duration::from_secs(2);
-/// The longest time between.
+/// The longest interval.
 const ASK_MAX: Duration = Duration::from_secs(60);
 /// How long until an end is stored again that could not be, and how often.
 const STORE_AGAIN: Duration = Duration::from_secs(5);
@@ -47,7 +47,7 @@ const READS_MAX: u32 = 5;
 const WORDS_MAX: usize = 200;
 /// The longest answer of a site, in bytes.
 const ANSWER_MAX: usize = 64 << 10;
-/// How long it is asked what came of a command. A site knows it for a day.
+/// How long a site is asked for a result. It keeps results for a day.
 const KNOWN: Duration = Duration::from_secs(23 * 60 * 60);
 
 /// The name of a command: its site, and its id there.
@@ -60,8 +60,8 @@ pub enum LedgerInput<'i> {
     Connected,
     /// The connection is lost.
     Lost,
-    /// A command is wanted, by the caller with this number, who waits for its end for so long.
-    /// Without a run of its site it can't begin: it is only looked what came of it before.
+    /// The caller with this number gives a command, and waits this long for its result. Without a
+    /// run of its site it can't begin: only an earlier result of the same id is looked up.
     Given(u64, CommandName<'i>, CommandIntent, Duration),
     /// A record, with its number in the stream, and how old it is by the clocks of the servers.
     Record(CommandName<'i>, &'i [u8], u64, Duration),
@@ -74,12 +74,12 @@ pub enum LedgerInput<'i> {
     Said(CommandName<'i>, u64, SiteSaid<'i>),
 }
 
-/// What came of sending a command to its site.
+/// The result of sending a command to its site.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SiteSaid<'i> {
     /// The site answered.
     Answer(&'i [u8]),
-    /// It was not delivered: nobody listens at that subject.
+    /// Not delivered: no responders on the subject.
     NotDelivered,
     /// There is no answer. It may have been delivered.
     Nothing,
@@ -106,16 +106,16 @@ pub enum LedgerOutput {
     Read(u64, String, String),
     /// Send this to the site, in its present session; its result is known by the number.
     Send(u64, String, CommandRequest),
-    /// Tell the caller with this number.
+    /// Answer the caller with this number.
     Tell(u64, CommandTold),
 }
 
-/// What a caller is told.
+/// The answer to a caller.
 #[derive(Clone, Debug, PartialEq)]
 pub enum CommandTold {
-    /// What came of it.
+    /// Its result.
     End(Arc<CommandEnd>),
-    /// That is not known yet. The site is asked on.
+    /// No result yet. The centre keeps asking the site.
     Waiting,
     /// Whether the id stands for a command is not known.
     NotKnown,
@@ -123,7 +123,7 @@ pub enum CommandTold {
     Offline,
     /// The id stands for another command. Nothing was sent.
     OtherCommand,
-    /// It could not be written down. For this caller nothing was sent, and nothing will be.
+    /// It could not be recorded. For this caller nothing was sent, and nothing will be.
     NotStored,
     /// Too many commands have no end yet. Nothing was sent.
     TooMany,
@@ -227,8 +227,7 @@ impl Ledger {
         let mut next: Option<Duration> = None;
         let mut at = |due: Duration| next = Some(next.map_or(due, |next| next.min(due)));
         self.open.retain(|_, command| command.goes_on(now));
-        let mut to_ask = Vec::new();
-        let (mut asked, mut of_site) = (0, BTreeMap::<&str, usize>::new());
+        let (mut asked, mut to_ask) = (BTreeMap::new(), Vec::new());
         for ((site, id), command) in &mut self.open {
             command.tell_late(now, &mut at, &mut self.outputs);
             if let Stage::Dropped(by) = command.stage {
@@ -237,72 +236,63 @@ impl Ledger {
             if !self.is_connected {
                 continue;
             }
-            let mut again = None;
+            let mut is_due = false;
             match &mut command.stage {
                 Stage::Open(number, _, _) if command.known_until <= now => {
-                    let lost = refusal("E0169", "the site did not say what came of it for a day");
+                    let lost = refusal("E0169", "the site reported no result within a day");
                     let end = end(&command.intent, CommandResult::Unknown(lost), self.clock_ms);
                     command.stage = Stage::Ending(*number, end, Some(now), 0);
                     command.pending = 0;
                     at(now);
                 }
-                Stage::Open(_, None, _) => {
+                Stage::Open(_, ask_at, _) => {
                     at(command.known_until);
-                    asked += 1;
-                    *of_site.entry(site).or_default() += 1;
-                }
-                Stage::Open(_, Some(due), _) => {
-                    at(command.known_until);
-                    match *due > now {
-                        true => at(*due),
-                        false => to_ask.push((*due, site.clone(), id.clone())),
+                    match *ask_at {
+                        None => *asked.entry(site.clone()).or_default() += 1,
+                        Some(due) if due > now => at(due),
+                        Some(due) => to_ask.push((due, site.clone(), id.clone())),
                     }
                 }
-                Stage::Reading(due @ Some(_), _) | Stage::Ending(_, _, due @ Some(_), _) => {
-                    let is_due = due.is_some_and(|due| due <= now);
-                    due.filter(|_| !is_due).into_iter().for_each(&mut at);
-                    if is_due {
-                        again = due.take();
+                Stage::Reading(again, _) | Stage::Ending(_, _, again, _) => {
+                    is_due = again.is_some_and(|due| due <= now);
+                    match *again {
+                        Some(_) if is_due => *again = None,
+                        Some(due) => at(due),
+                        None => {}
                     }
                 }
                 _ => {}
             }
-            if again.is_none() {
-                continue;
-            }
-            self.number += 1;
-            command.pending = self.number;
-            let (site, id) = (site.clone(), id.clone());
-            self.outputs.push_back(match &command.stage {
-                Stage::Ending(after, end, ..) => LedgerOutput::Store {
-                    number: self.number,
-                    site,
-                    id,
-                    payload: record(CommandKind::End((**end).clone())),
-                    after: *after,
-                },
-                _ => LedgerOutput::Read(self.number, site, id),
-            });
-        }
-        // Who has waited longest is first, and no site takes all places.
-        to_ask.sort_unstable();
-        let mut of_site: BTreeMap<String, usize> = of_site
-            .into_iter()
-            .map(|(site, count)| (site.to_owned(), count))
-            .collect();
-        for (_, site, id) in to_ask {
-            let of_it = of_site.entry(site.clone()).or_default();
-            // The others are asked as soon as an answer comes.
-            if asked < ASKED_MAX && *of_it < ASKED_OF_SITE_MAX {
-                asked += 1;
-                *of_it += 1;
-                self.ask((site, id));
+            if is_due {
+                self.number += 1;
+                command.pending = self.number;
+                self.outputs.push_back(command.next_request(site, id));
             }
         }
+        self.ask_some(asked, to_ask);
         next
     }
 
-    /// Asks a site what came of a command.
+    /// Asks sites for results: those that have waited longest first, and of no site more than its
+    /// share, so many being asked already. The others are asked as soon as an answer comes.
+    fn ask_some(
+        &mut self,
+        mut asked: BTreeMap<String, usize>,
+        mut to_ask: Vec<(Duration, String, String)>,
+    ) {
+        let mut all = asked.values().sum::<usize>();
+        to_ask.sort_unstable();
+        for (_, site, id) in to_ask {
+            let of_site = asked.entry(site.clone()).or_default();
+            if all < ASKED_MAX && *of_site < ASKED_OF_SITE_MAX {
+                all += 1;
+                *of_site += 1;
+                self.ask((site, id));
+            }
+        }
+    }
+
+    /// Asks a site for the result of a command.
     fn ask(&mut self, key: (String, String)) {
         let Some(command) = self.open.get_mut(&key) else {
             return;
@@ -317,10 +307,10 @@ impl Ledger {
         self.outputs.push_back(send);
     }
 
-    /// Whatever was under way is not known to have happened.
+    /// The connection is lost: the results of pending requests will not come.
     fn lost(&mut self, now: Duration) {
         self.is_connected = false;
-        // What callers are told is independent of the connection.
+        // Answers to callers do not need the connection.
         let is_told = |output: &LedgerOutput| matches!(output, LedgerOutput::Tell(..));
         self.outputs.retain(is_told);
         for command in self.open.values_mut() {
@@ -383,9 +373,9 @@ impl Ledger {
         if self.open.len() >= GIVEN_MAX || of_site >= OF_SITE_MAX {
             return self.tell(number, CommandTold::TooMany);
         }
-        self.number += 1;
         let can_begin = !intent.boot.is_empty();
         if can_begin {
+            self.number += 1;
             self.outputs.push_back(LedgerOutput::Store {
                 number: self.number,
                 site: key.0.clone(),
@@ -400,7 +390,8 @@ impl Ledger {
                 true => Stage::Storing,
                 false => Stage::Reading(Some(now), 0),
             },
-            pending: self.number,
+            // Without a request nothing has this number.
+            pending: if can_begin { self.number } else { 0 },
             seen: None,
             callers: vec![(number, until)],
             known_until: now + KNOWN,
@@ -452,7 +443,7 @@ impl Ledger {
     /// It was stored after all, and not sent, as its caller was told.
     fn never_sent(&mut self, now: Duration, key: &(String, String), number: u64) {
         if let Some(command) = self.open.get_mut(key) {
-            let never = refusal("E0164", "it was not known whether it could be stored");
+            let never = refusal("E0164", "it was not certain that it was recorded");
             let end = end(&command.intent, CommandResult::Never(never), self.clock_ms);
             command.stage = Stage::Ending(number, end, Some(now), 0);
             command.pending = 0;
@@ -499,7 +490,7 @@ impl Ledger {
                 command.stage = Stage::Reading(Some(now), 0);
             }
             (Stage::Storing, StoreEnd::Unknown) => {
-                // Sending it would be possible only if it is known to be written down.
+                // It is sent only if it is certain to be recorded.
                 let callers = std::mem::take(&mut command.callers);
                 command.stage = Stage::Dropped(now + TAKEN_OVER);
                 let seen = command.seen.as_ref();
@@ -530,7 +521,7 @@ impl Ledger {
             (Stage::Ending(_, end, again @ None, tries), StoreEnd::Unknown) => {
                 *again = Some(now + STORE_AGAIN);
                 *tries += 1;
-                // What came of it is known all the same.
+                // The result is known even though it is not stored.
                 let told = CommandTold::End(Arc::clone(end));
                 for (number, _) in std::mem::take(&mut command.callers) {
                     self.tell(number, told.clone());
@@ -605,7 +596,7 @@ impl Ledger {
         }
     }
 
-    /// The site, or nobody, said something.
+    /// The result of sending a command to its site.
     fn said(&mut self, now: Duration, (site, id): CommandName<'_>, said: SiteSaid<'_>) {
         let key = (site.to_owned(), id.to_owned());
         let Some(command) = self.open.get_mut(&key) else {
@@ -624,7 +615,7 @@ impl Ledger {
         };
         let result = match outcome {
             Some(CommandOutcome::Ended(answer)) if answer.body.len() > ANSWER_MAX => {
-                let long = refusal("E0169", "the site gave an answer that is too long");
+                let long = refusal("E0169", "the answer of the site is too long");
                 Some(CommandResult::Unknown(long))
             }
             Some(CommandOutcome::Ended(answer)) if (200..600).contains(&answer.status) => {
@@ -643,7 +634,7 @@ impl Ledger {
             Some(CommandOutcome::Lost(why)) if !is_first => {
                 Some(CommandResult::Unknown(short(&why)))
             }
-            // Nobody heard of it, and nobody will: it is sent once.
+            // Not delivered, and it is not sent again.
             _ if is_first && said == SiteSaid::NotDelivered => {
                 let away = refusal("E0168", "it is not connected");
                 Some(CommandResult::Never(away))
@@ -667,7 +658,7 @@ impl Ledger {
     }
 }
 
-/// No more of it than a site by railbus says.
+/// As much of a text as is stored.
 fn clipped(text: &str) -> String {
     text.chars().take(WORDS_MAX).collect()
 }

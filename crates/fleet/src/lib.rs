@@ -7,7 +7,7 @@
 //!   `claims`. A key and its claims as a file: `creds`.
 //! - What site and centre say to each other: `message`. What a site says when, and up to where the
 //!   centre has its data: `uplink`. Which machine is a site, which sites are there, and what is
-//!   known of their points: `centre`. Commands to sites, and what came of them: `ledger`.
+//!   known of their points: `centre`. Commands to sites, and their results: `ledger`.
 //! - Keys that are let in no longer: `revocation`.
 //! - A new fleet with all its files: `founding`; a server's configuration: `server_file`; its
 //!   certificates: `certificates`.

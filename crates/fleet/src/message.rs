@@ -196,7 +196,7 @@ pub struct CommandRequest {
     /// By when its frames must be sent, by the site's own time, in milliseconds.
     #[prost(uint64, tag = "8")]
     pub valid_until_ms: u64,
-    /// It is not begun: only what came of it is wanted.
+    /// It is not begun: only its result is wanted.
     #[prost(bool, tag = "9")]
     pub tell: bool,
 }
@@ -204,12 +204,12 @@ pub struct CommandRequest {
 /// The answer to [`CommandRequest`].
 #[derive(Clone, PartialEq, prost::Message)]
 pub struct CommandAnswer {
-    /// What came of it.
+    /// Its result.
     #[prost(oneof = "CommandOutcome", tags = "1, 2, 3, 4, 5")]
     pub answer: Option<CommandOutcome>,
 }
 
-/// What came of a command, as its site says it.
+/// The result of a command, as its site reports it.
 #[derive(Clone, PartialEq, prost::Oneof)]
 pub enum CommandOutcome {
     /// The site knows no commands: the form of every answer that is a refusal.
@@ -232,23 +232,23 @@ pub enum CommandOutcome {
 /// A document of the centre about a command.
 #[derive(Clone, PartialEq, prost::Message)]
 pub struct CommandRecord {
-    /// What is wanted, or what came of it.
+    /// An intent, or its result.
     #[prost(oneof = "CommandKind", tags = "1, 2")]
     pub record: Option<CommandKind>,
 }
 
-/// What is wanted, or what came of it.
+/// An intent, or its result.
 #[derive(Clone, PartialEq, prost::Oneof)]
 pub enum CommandKind {
-    /// What is wanted.
+    /// The command.
     #[prost(message, tag = "1")]
     Intent(CommandIntent),
-    /// What came of it.
+    /// Its result.
     #[prost(message, tag = "2")]
     End(CommandEnd),
 }
 
-/// What is wanted.
+/// The command.
 #[derive(Clone, PartialEq, prost::Message)]
 pub struct CommandIntent {
     /// As in [`CommandRequest`].
@@ -280,13 +280,13 @@ pub struct CommandIntent {
     pub token: Vec<u8>,
 }
 
-/// What came of a command.
+/// The result of a command.
 #[derive(Clone, PartialEq, prost::Message)]
 pub struct CommandEnd {
     /// The command.
     #[prost(message, optional, tag = "1")]
     pub intent: Option<CommandIntent>,
-    /// What came of it.
+    /// Its result.
     #[prost(oneof = "CommandResult", tags = "2, 3, 4")]
     pub end: Option<CommandResult>,
     /// When that was known, in milliseconds since 1970.
@@ -294,7 +294,7 @@ pub struct CommandEnd {
     pub at_ms: i64,
 }
 
-/// What came of a command.
+/// The result of a command.
 #[derive(Clone, PartialEq, prost::Oneof)]
 pub enum CommandResult {
     /// What the API of the site answered.

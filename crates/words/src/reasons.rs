@@ -266,8 +266,9 @@ const REASONS: &[[&str; 2]] = &[
     ["it holds no private key", "其中没有私钥"],
     ["it is not connected", "站点未连接"],
     ["it is not online", "站点不在线"],
+    ["the answer of the site is too long", "站点的应答过长"],
     [
-        "no answer yet; the centre goes on asking the site",
+        "no answer yet; the centre keeps asking the site",
         "尚无应答；中心会继续询问站点",
     ],
     [
@@ -279,14 +280,15 @@ const REASONS: &[[&str; 2]] = &[
         "不知道此前是否已发送",
     ],
     [
-        "not sent: it could not be written down first",
+        "not sent: it could not be recorded first",
         "未发送：发送前未能记录",
     ],
-    ["too many commands without an end", "尚无结果的命令过多"],
+    ["too many commands without a result", "尚无结果的命令过多"],
     ["the body is longer than 16 KiB", "请求正文超过 16 KiB"],
+    ["the path is longer than 1 KiB", "请求路径超过 1 KiB"],
     ["it reached the site too late", "到达站点时已超时"],
     [
-        "the site did not say what came of it for a day",
+        "the site reported no result within a day",
         "站点一天内未给出结果",
     ],
     [
@@ -298,8 +300,8 @@ const REASONS: &[[&str; 2]] = &[
         "站点正在执行，或尚未到达",
     ],
     [
-        "it was not known whether it could be stored",
-        "当时不知道能否存储",
+        "it was not certain that it was recorded",
+        "当时不确定是否已记录",
     ],
     ["nothing within {n} s", "{n} 秒内无应答"],
     ["its answer was {n} s on the way", "应答在途 {n} 秒"],

@@ -1,28 +1,28 @@
-//! One command, and how far it is.
+//! One command and its state.
 
-use super::{CommandTold, LedgerOutput, STORES_MAX, TAKEN_OVER};
-use crate::message::{CommandEnd, CommandIntent, CommandRequest};
+use super::{CommandTold, LedgerOutput, STORES_MAX, TAKEN_OVER, record};
+use crate::message::{CommandEnd, CommandIntent, CommandKind, CommandRequest};
 use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// How far a command is.
+/// The state of a command.
 #[derive(Debug)]
 pub(super) enum Stage {
-    /// That it is wanted is being stored.
+    /// Its intent is being stored.
     Storing,
-    /// It is read what this id stands for; or when it is again, and how often it was.
+    /// The record of this id is being read; or when it is read again, and how often it was.
     Reading(Option<Duration>, u32),
     /// It could not be stored, and nothing was sent. If it was stored after all, it is ended: that
     /// is waited for until then.
     Dropped(Duration),
     /// It was sent.
     Sent(u64),
-    /// What came of it is not known: the number of its record, when the site is asked, if it is
-    /// not being asked, and how often it was.
+    /// Its result is not known: the number of its record, when the site is asked next (none while
+    /// it is being asked), and how often it was.
     Open(u64, Option<Duration>, u32),
-    /// What came of it is being stored after the record with this number; or when it is, again, and
-    /// how often it was.
+    /// Its result is being stored after the record with this number; or when it is stored again,
+    /// and how often it was.
     Ending(u64, Arc<CommandEnd>, Option<Duration>, u32),
 }
 
@@ -33,7 +33,7 @@ pub(super) struct Command {
     /// The number of what is under way for it. Results of anything else are of an earlier command
     /// of this name, or came too late.
     pub(super) pending: u64,
-    /// What is wanted under this id, as it is in the stream, with its number there.
+    /// The intent of this id as it is in the stream, with its number there.
     pub(super) seen: Option<(u64, CommandIntent)>,
     /// Who waits for its end, and until when.
     pub(super) callers: Vec<(u64, Duration)>,
@@ -59,7 +59,8 @@ impl Command {
         }
     }
 
-    /// Whether it counts among those of its site: it may still be carried out, or somebody waits.
+    /// Whether it counts towards the limit of its site: it may still be carried out, or a caller
+    /// waits.
     pub(super) fn is_under_way(&self) -> bool {
         match self.stage {
             Stage::Dropped(_) => false,
@@ -68,7 +69,22 @@ impl Command {
         }
     }
 
-    /// Tells callers whose time is over.
+    /// The request to the stream that is due: its end is stored, or its record read.
+    pub(super) fn next_request(&self, site: &str, id: &str) -> LedgerOutput {
+        let (number, site, id) = (self.pending, site.to_owned(), id.to_owned());
+        match &self.stage {
+            Stage::Ending(after, end, ..) => LedgerOutput::Store {
+                number,
+                site,
+                id,
+                payload: record(CommandKind::End((**end).clone())),
+                after: *after,
+            },
+            _ => LedgerOutput::Read(number, site, id),
+        }
+    }
+
+    /// Answers callers whose time is over.
     pub(super) fn tell_late(
         &mut self,
         now: Duration,
@@ -92,7 +108,7 @@ impl Command {
     }
 }
 
-/// What its site is sent.
+/// The message to its site.
 pub(super) fn request(id: &str, intent: &CommandIntent, tell: bool) -> CommandRequest {
     CommandRequest {
         id: id.to_owned(),
@@ -109,11 +125,8 @@ pub(super) fn request(id: &str, intent: &CommandIntent, tell: bool) -> CommandRe
 
 /// Whether it is the same command, given again.
 pub(super) fn is_same(one: &CommandIntent, other: &CommandIntent) -> bool {
-    let what = |intent: &CommandIntent| {
-        let CommandIntent {
-            method, path, user, ..
-        } = intent.clone();
-        (method, path, user)
-    };
-    one.body == other.body && what(one) == what(other)
+    one.method == other.method
+        && one.path == other.path
+        && one.user == other.user
+        && one.body == other.body
 }

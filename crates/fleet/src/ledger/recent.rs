@@ -28,11 +28,11 @@ pub struct CommandView {
     pub what: (String, String, String),
     /// When it was wanted, in milliseconds since 1970.
     pub at_ms: i64,
-    /// What came of it; none as long as that is not known.
+    /// Its result; none as long as there is none.
     pub end: Option<EndView>,
 }
 
-/// What came of a command, for people.
+/// The result of a command, for people.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct EndView {
     /// `answered`, `never` or `unknown`.
@@ -56,7 +56,7 @@ impl Recent {
         self.0.iter()
     }
 
-    /// Adds a command, or what came of it.
+    /// Adds a command, or its result.
     pub(super) fn add(&mut self, view: Option<CommandView>) {
         let Some(view) = view else {
             return;
@@ -69,7 +69,7 @@ impl Recent {
             }
             return;
         }
-        // Of one that was forgotten the end is not shown, either: it is not among the newest.
+        // The result of an older command adds none: it is not among the newest.
         if view.end.is_none() {
             if self.0.len() >= RECENT_MAX {
                 self.0.pop_front();
@@ -79,7 +79,7 @@ impl Recent {
     }
 }
 
-/// What a record tells people; none if it does not say of which command it is.
+/// A record for people; none if it does not name its command.
 pub(super) fn view_of((site, id): CommandName<'_>, record: &CommandKind) -> Option<CommandView> {
     let of = |intent: &CommandIntent, end| {
         let body = String::from_utf8_lossy(&intent.body);

@@ -87,7 +87,7 @@ impl Hub {
             if site == "p1" && request.id == "c1" && !request.tell));
     }
 
-    /// It waits, and asks its site what came of it.
+    /// It waits, and asks its site for the result.
     fn asks(&mut self, wait: Duration) {
         self.1 += wait;
         let asked = self.outputs();
@@ -166,7 +166,7 @@ fn the_command_of_another_centre_is_not_ended_as_one_that_was_not_sent() {
 }
 
 #[test]
-fn a_site_that_nobody_reached_did_nothing() {
+fn a_command_that_was_not_delivered_ends_as_never() {
     let mut hub = Hub::new();
     hub.sent();
     hub.said(SiteSaid::NotDelivered);
@@ -178,7 +178,7 @@ fn a_site_that_nobody_reached_did_nothing() {
 }
 
 #[test]
-fn without_an_answer_the_site_is_asked_what_came_of_it() {
+fn without_an_answer_the_site_is_asked_for_the_result() {
     let mut hub = Hub::new();
     hub.sent();
     hub.said(SiteSaid::Nothing);
@@ -257,7 +257,7 @@ fn what_can_not_begin_is_only_looked_for() {
     hub.read(None);
     assert_eq!(told(&hub.outputs()), Some(&CommandTold::Offline));
     assert_eq!(hub.0.open(), 0);
-    // What came of it before is told.
+    // An earlier result is returned.
     given(&mut hub);
     let ended = CommandResult::Ended(ApiAnswer::default());
     let first = record(CommandKind::End((*end(&intent("/x", 9), ended, 0)).clone()));

@@ -1,19 +1,16 @@
-//! Commands to sites: how one is given, sent, and told of.
+//! Commands to sites: how one is given and sent, and how its result is returned.
 
 use super::driver::HubCall;
 use super::routes::{Calls, call};
-use super::site_api::{self, INTEREST, INTEREST_STEP, SiteWay};
+use super::site_api::{self, INTEREST, INTEREST_STEP, SiteWay, Unanswered};
 use crate::access::secret::{hex, random};
 use crate::clock::since_boot;
 use crate::routes::is_command;
 use crate::{answer, remote_api};
-use async_nats::Request;
-use async_nats::client::RequestErrorKind;
 use axum::body::{Body, Bytes};
 use axum::http::Response;
 use prost::Message as _;
 use railbus_api::problem::{Problem, ProblemType, codes};
-use railbus_fleet::API_ANSWER_MAX;
 use railbus_fleet::ledger::CommandTold;
 use railbus_fleet::message::{
     CommandEnd, CommandIntent, CommandRequest, CommandResult, FleetRefusal,
@@ -27,6 +24,8 @@ use std::time::{Duration, SystemTime};
 const BODY_MAX: usize = 16 << 10;
 /// The longest path, in bytes: names have 64 characters.
 const PATH_MAX: usize = 1_024;
+/// The longest `Accept-Language`, in bytes.
+const LANGUAGE_MAX: usize = 256;
 /// How long the end of a command is waited for, besides the time in which it is sent: reading back,
 /// the way, and storing what came of it.
 const END_MAX: Duration = Duration::from_secs(15);
@@ -47,11 +46,11 @@ pub(super) struct GivenCommand {
     language: String,
 }
 
-/// What came of sending one.
+/// The result of sending one.
 pub(super) enum SentEnd {
     /// The site answered.
     Answer(Vec<u8>),
-    /// Nobody listens at its subject.
+    /// No responders on its subject.
     NotDelivered,
     /// No answer came.
     Nothing,
@@ -61,7 +60,8 @@ impl GivenCommand {
     /// The command of this request.
     ///
     /// # Errors
-    /// Its key is none, or its body is too long.
+    /// [`codes::NOT_REMOTE`] if it is no command; [`codes::BAD_REQUEST`] if its key is not valid,
+    /// or its path or body too long.
     pub(super) fn new(
         (site, key): (String, Option<&str>),
         (method, path): (&str, &str),
@@ -69,12 +69,15 @@ impl GivenCommand {
         language: &str,
     ) -> Result<GivenCommand, Problem> {
         let wrong = |reason: &str| Problem::new(codes::BAD_REQUEST).with("reason", reason);
-        // Whatever else is sent there is not to be written down for months.
+        // Other requests may have secrets in them, and must not be recorded.
         if !is_command(method, path) {
             return Err(remote_api::not_remote(method));
         }
-        if body.len() > BODY_MAX || path.len() > PATH_MAX || language.len() > PATH_MAX {
+        if body.len() > BODY_MAX {
             return Err(wrong("the body is longer than 16 KiB"));
+        }
+        if path.len() > PATH_MAX {
+            return Err(wrong("the path is longer than 1 KiB"));
         }
         let is_letter = |letter: u8| letter.is_ascii_alphanumeric() || letter == b'-';
         let id = match key {
@@ -100,7 +103,11 @@ impl GivenCommand {
             method: method.to_owned(),
             path: path.to_owned(),
             body,
-            language: language.to_owned(),
+            // Without it, errors have no texts.
+            language: match language.len() > LANGUAGE_MAX {
+                true => String::new(),
+                false => language.to_owned(),
+            },
         })
     }
 
@@ -147,7 +154,7 @@ impl GivenCommand {
     }
 }
 
-/// Gives a command, and says what came of it.
+/// Gives a command, and returns its result.
 pub(super) async fn give(calls: &Calls, given: GivenCommand) -> Response<Body> {
     let (site, id, is_again) = (given.site.clone(), given.id.clone(), given.is_again);
     let begun = since_boot();
@@ -167,7 +174,7 @@ pub(super) async fn give(calls: &Calls, given: GivenCommand) -> Response<Body> {
             Ok(answer) => return answer,
             Err(problem) => problem,
         },
-        CommandTold::Waiting => open("no answer yet; the centre goes on asking the site"),
+        CommandTold::Waiting => open("no answer yet; the centre keeps asking the site"),
         CommandTold::NotKnown => open("it is not known whether it was sent before"),
         CommandTold::TooMany if is_again => open("it is not known whether it was sent before"),
         CommandTold::OtherCommand => Problem::new(codes::BAD_REQUEST)
@@ -175,17 +182,17 @@ pub(super) async fn give(calls: &Calls, given: GivenCommand) -> Response<Body> {
         CommandTold::Offline => offline(&site),
         CommandTold::NotStored if is_again => open("it is not known whether it was sent before"),
         CommandTold::NotStored => {
-            let reason = "not sent: it could not be written down first";
+            let reason = "not sent: it could not be recorded first";
             Problem::new(codes::FLEET_NOT_STORED).with("reason", reason)
         }
         CommandTold::TooMany => {
-            Problem::new(codes::OVERLOADED).with("reason", "too many commands without an end")
+            Problem::new(codes::OVERLOADED).with("reason", "too many commands without a result")
         }
     };
     answer::problem(&problem)
 }
 
-/// What came of a command, as HTTP; the problem if it is none of the site.
+/// The result of a command as HTTP; a problem if the site gave none.
 fn end_of(site: &str, end: &CommandEnd, waited: Duration) -> Result<Response<Body>, Problem> {
     let of = |kind: ProblemType, why: FleetRefusal| {
         let problem = Problem::new(kind).with("name", site);
@@ -216,32 +223,23 @@ fn end_of(site: &str, end: &CommandEnd, waited: Duration) -> Result<Response<Bod
     }
 }
 
-/// A site that is not there is sent nothing: by when its frames must be sent can't be said, either.
+/// A site that is not online is sent nothing: without its heartbeat there is no deadline.
 pub(super) fn offline(site: &str) -> Problem {
     let problem = Problem::new(codes::SITE_AWAY).with("name", site);
     problem.with("reason", "it is not online")
 }
 
-/// Sends it to its site.
-pub(super) async fn send(mut way: SiteWay, request: &CommandRequest) -> SentEnd {
+/// Sends it to its site, in the session of this subject.
+pub(super) async fn send(way: SiteWay, request: &CommandRequest) -> SentEnd {
     let (payload, begun) = (Bytes::from(request.encode_to_vec()), since_boot());
     loop {
-        let asked = Request::new()
-            .payload(payload.clone())
-            .timeout(Some(API_ANSWER_MAX));
-        let answer = tokio::select! {
-            answer = way.client.send_request(way.subject.clone(), asked) => answer,
-            _ = way.is_up.wait_for(|is_up| !is_up) => return SentEnd::Nothing,
-        };
-        match answer {
+        match way.request(payload.clone()).await {
             Ok(answer) => return SentEnd::Answer(answer.payload.to_vec()),
-            // After a site has connected, servers know only after a moment that it listens.
-            Err(error) if error.kind() == RequestErrorKind::NoResponders => {
-                if since_boot().saturating_sub(begun) > INTEREST {
-                    return SentEnd::NotDelivered;
-                }
-                tokio::time::sleep(INTEREST_STEP).await;
+            Err(Unanswered::NotDelivered) if since_boot().saturating_sub(begun) > INTEREST => {
+                return SentEnd::NotDelivered;
             }
+            // After a site has connected, servers know only after a moment that it listens.
+            Err(Unanswered::NotDelivered) => tokio::time::sleep(INTEREST_STEP).await,
             Err(_) => return SentEnd::Nothing,
         }
     }
@@ -290,7 +288,7 @@ mod tests {
     }
 
     #[test]
-    fn only_commands_are_written_down() {
+    fn only_commands_are_recorded() {
         let code = |method, path| {
             let place = ("plant7".to_owned(), None);
             let given = GivenCommand::new(place, (method, path), Bytes::new(), "");

@@ -429,7 +429,7 @@ impl Driver {
         }
     }
 
-    /// Tells who waits what came of commands: whatever else the ledger wants needs a connection.
+    /// Answers callers. All other outputs of the ledger need a connection.
     fn tell_callers(&mut self) {
         while let Some(output) = self.ledger.poll(since_boot()) {
             if let LedgerOutput::Tell(number, told) = output {
@@ -445,7 +445,7 @@ impl Driver {
         }
     }
 
-    /// What the ledger wants.
+    /// Carries out the outputs of the ledger.
     fn drive_ledger(&mut self, link: &mut Link) {
         while let Some(output) = self.ledger.poll(since_boot()) {
             let ends = self.ends.0.clone();
@@ -476,11 +476,16 @@ impl Driver {
                     });
                 }
                 LedgerOutput::Send(number, site, request) => {
-                    let session = self.centre.site(since_boot(), &site);
-                    let session = session.map(|site| site.session.to_owned());
-                    let way = link.way(&site, &session.unwrap_or_default(), "cmd");
+                    let now = since_boot();
+                    let known = self.centre.site(now, &site);
+                    let known = known.filter(|known| !known.session.is_empty());
+                    let way = known.map(|known| link.way(&site, known.session, "cmd"));
                     tokio::spawn(async move {
-                        let end = command::send(way, &request).await;
+                        let end = match way {
+                            Some(way) => command::send(way, &request).await,
+                            // It never had a session: there is nobody to send it to.
+                            None => SentEnd::NotDelivered,
+                        };
                         let _ = ends.send(StreamEnd::Sent((site, request.id, number), end));
                     });
                 }
@@ -488,14 +493,14 @@ impl Driver {
         }
     }
 
-    /// A command is wanted.
+    /// A caller gives a command.
     fn given(
         &mut self,
         given: GivenCommand,
         link: Option<&Link>,
         to: oneshot::Sender<Result<CommandTold, Problem>>,
     ) {
-        // Nobody waits any more: then nothing is to be switched.
+        // Its caller is gone: nothing is switched.
         if to.is_closed() {
             return;
         }
@@ -517,7 +522,8 @@ impl Driver {
             Ok(intent) => intent,
             Err(problem) => {
                 // Fails if the client is gone.
-                let _ = to.send(Err(problem.perhaps_acted(given.is_again)));
+                let is_certain = self.has_read || !given.is_again;
+                let _ = to.send(Err(problem.perhaps_acted(!is_certain)));
                 return;
             }
         };

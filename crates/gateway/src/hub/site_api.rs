@@ -6,8 +6,8 @@ use super::routes::{Calls, call};
 use crate::clock::since_boot;
 use crate::remote_api;
 use async_nats::client::RequestErrorKind;
-use async_nats::{Client, Request};
-use axum::body::Body;
+use async_nats::{Client, Message, Request};
+use axum::body::{Body, Bytes};
 use axum::http::header::{CONTENT_TYPE, HeaderValue};
 use axum::http::{Method, Response, StatusCode};
 use prost::Message as _;
@@ -51,6 +51,37 @@ pub(super) struct SiteWay {
     pub(super) is_up: watch::Receiver<bool>,
 }
 
+/// Why a request to a site has no answer.
+pub(super) enum Unanswered {
+    /// Not delivered: no responders on the subject.
+    NotDelivered,
+    /// No answer in time. It may have been delivered.
+    TimedOut,
+    /// The centre lost its own connection. It may have been delivered.
+    Disconnected,
+    /// It could not be sent, or its answer not be received, for this reason.
+    Failed(String),
+}
+
+impl SiteWay {
+    /// Sends one request.
+    pub(super) async fn request(&self, payload: Bytes) -> Result<Message, Unanswered> {
+        let request = Request::new()
+            .payload(payload)
+            .timeout(Some(API_ANSWER_MAX));
+        let mut is_up = self.is_up.clone();
+        let answer = tokio::select! {
+            answer = self.client.send_request(self.subject.clone(), request) => answer,
+            _ = is_up.wait_for(|is_up| !is_up) => return Err(Unanswered::Disconnected),
+        };
+        answer.map_err(|error| match error.kind() {
+            RequestErrorKind::NoResponders => Unanswered::NotDelivered,
+            RequestErrorKind::TimedOut => Unanswered::TimedOut,
+            _ => Unanswered::Failed(error.to_string()),
+        })
+    }
+}
+
 /// What a site answers; or why there is no answer.
 ///
 /// # Errors
@@ -65,37 +96,29 @@ pub(super) async fn ask(
         let problem = Problem::new(codes::SITE_AWAY).with("name", site);
         problem.with("reason", reason)
     };
-    let payload = request.encode_to_vec();
+    let payload = Bytes::from(request.encode_to_vec());
     let begun = since_boot();
     let (message, passed) = loop {
         // Each time anew: it may have got another session.
-        let mut way = call(calls, |to| HubCall::Way(site.to_owned(), to)).await??;
+        let way = call(calls, |to| HubCall::Way(site.to_owned(), to)).await??;
         // What was suspended on the way is older, too.
         let sent = since_boot();
-        let asked = Request::new()
-            .payload(payload.clone().into())
-            .timeout(Some(API_ANSWER_MAX));
-        let answer = tokio::select! {
-            answer = way.client.send_request(way.subject, asked) => answer,
-            _ = way.is_up.wait_for(|is_up| !is_up) => {
-                return Err(Problem::new(codes::FLEET_ENDED).with("reason", "disconnected"));
-            }
-        };
-        match answer {
+        match way.request(payload.clone()).await {
             Ok(message) => break (message, since_boot().saturating_sub(sent)),
-            Err(error) if error.kind() == RequestErrorKind::NoResponders => {
+            Err(Unanswered::NotDelivered) => {
                 if since_boot().saturating_sub(begun) > INTEREST {
                     return Err(none("it is not connected".to_owned()));
                 }
                 tokio::time::sleep(INTEREST_STEP).await;
             }
-            Err(error) if error.kind() == RequestErrorKind::TimedOut => {
-                return Err(none(format!(
-                    "nothing within {} s",
-                    API_ANSWER_MAX.as_secs()
-                )));
+            Err(Unanswered::TimedOut) => {
+                let waited = API_ANSWER_MAX.as_secs();
+                return Err(none(format!("nothing within {waited} s")));
             }
-            Err(error) => return Err(none(error.to_string())),
+            Err(Unanswered::Disconnected) => {
+                return Err(Problem::new(codes::FLEET_ENDED).with("reason", "disconnected"));
+            }
+            Err(Unanswered::Failed(reason)) => return Err(none(reason)),
         }
     };
     let answer = ApiAnswer::decode(message.payload).map_err(|error| none(error.to_string()))?;

@@ -62,7 +62,7 @@ pub(super) fn commands(ledger: &Ledger) -> FleetCommands {
                 code: end.code.clone(),
                 confirmed: end.confirmed.clone(),
                 reason: Some(end.reason.clone()).filter(|reason| !reason.is_empty()),
-                at: moment(end.at_ms),
+                end_at: moment(end.at_ms),
             }),
         }
     };

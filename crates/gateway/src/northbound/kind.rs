@@ -113,6 +113,17 @@ pub(crate) enum OnChange {
     HandOver,
 }
 
+/// The outputs that an outlet may switch, of kinds that give commands.
+pub(crate) const WRITE: Field = Field::new(
+    "write",
+    ["Outputs that may be switched", "允许操作的输出"],
+    Shape::Points,
+)
+.with_hint([
+    "Outputs such as oven.k1, oven or *; nothing if left empty",
+    "输出，如 oven.k1、oven 或 *；留空则均不可操作",
+]);
+
 /// A setting of an outlet.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Field {

@@ -167,7 +167,7 @@ codes! {
             "不知道站点是否执行了该命令"],
         likely: ["the site or its network went down after it was sent",
             "命令发出后，站点或其网络中断"],
-        next: ["see what came of it: railbus fleet commands", "查看其结果：railbus fleet commands"],
+        next: ["see its result: railbus fleet commands", "查看其结果：railbus fleet commands"],
     }
     NoHistory = "E0170" {
         title: ["no history available", "没有历史记录"],

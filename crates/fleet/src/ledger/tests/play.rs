@@ -18,7 +18,7 @@ type From = (usize, u64, u64);
 /// What happens later.
 #[derive(Clone, Debug)]
 enum Event {
-    /// Somebody wants something.
+    /// A caller gives a command.
     Wanted,
     /// A store arrives at the stream: from where, name, record, expected number.
     Store(From, Key, Vec<u8>, u64),
@@ -516,7 +516,7 @@ impl World {
                 match told {
                     CommandTold::End(its) => {
                         let its = its.end.as_ref().unwrap();
-                        // One that could not be stored is told all the same: another centre may
+                        // A result that could not be stored is reported, too: another centre may
                         // store another reason, or that it is not known.
                         let is_both_never = matches!(
                             (its, result),

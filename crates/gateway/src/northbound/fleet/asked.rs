@@ -35,7 +35,7 @@ impl RunTime {
             Duration::from_millis(asked.valid_until_ms),
         );
         let most = Duration::from_micros(WITHIN_MAX.0);
-        // Nothing may be sent later than this, whatever the centre says.
+        // No command lives longer, whatever deadline it comes with.
         let by = self.began + until.min(now + most);
         let passed = (now + most).saturating_sub(until).min(now);
         RemoteOrder {
@@ -92,21 +92,32 @@ pub(super) async fn api(
     }
 }
 
-/// What came of a command, and the permit if it is still needed.
+/// A command as it was sent, and a permit for it.
+///
+/// # Errors
+/// It can't be decoded, or [`codes::OVERLOADED`].
+pub(super) fn command_request(
+    payload: &[u8],
+    api: &RemoteApi,
+) -> Result<(CommandRequest, OwnedSemaphorePermit), Problem> {
+    let request = CommandRequest::decode(payload)
+        .map_err(|why| Problem::new(codes::BAD_REQUEST).with("reason", why.to_string()))?;
+    let kind = match request.tell {
+        true => RemoteKind::Tell,
+        false => RemoteKind::Command,
+    };
+    let permit = api.permit(kind)?;
+    Ok((request, permit))
+}
+
+/// The result of a command, and the permit if it is still needed.
 pub(super) async fn command(
     api: &RemoteApi,
     outlet: &str,
     (run, rights): (RunTime, Rights),
-    payload: &[u8],
+    asked: CommandRequest,
     permit: OwnedSemaphorePermit,
 ) -> (CommandAnswer, Option<OwnedSemaphorePermit>) {
-    let asked = match CommandRequest::decode(payload) {
-        Ok(asked) => asked,
-        Err(why) => {
-            let problem = Problem::new(codes::BAD_REQUEST).with("reason", why.to_string());
-            return (not_begun(&problem), Some(permit));
-        }
-    };
     // In this order: what comes between makes it older.
     let own = Instant::now();
     let order = run.order(&asked, (since_boot(), own));
@@ -156,14 +167,6 @@ pub(super) fn not_begun(problem: &Problem) -> CommandAnswer {
     of(CommandOutcome::Later(refusal(problem)))
 }
 
-/// What a command is for those who give permits.
-pub(super) fn kind(payload: &[u8]) -> RemoteKind {
-    match CommandRequest::decode(payload).is_ok_and(|asked| asked.tell) {
-        true => RemoteKind::Tell,
-        false => RemoteKind::Command,
-    }
-}
-
 fn of(outcome: CommandOutcome) -> CommandAnswer {
     CommandAnswer {
         answer: Some(outcome),
@@ -190,6 +193,7 @@ async fn asked_of(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::remote_api::remote_api;
 
     #[test]
     fn a_deadline_counts_in_the_time_of_one_run() {
@@ -218,14 +222,23 @@ mod tests {
         assert_eq!(order([8; 16], 105), (None, None));
     }
 
+    /// Questions must not take the permits of commands.
     #[test]
-    fn what_is_asked_again_has_permits_of_its_own() {
-        let asked = |tell| CommandRequest {
-            tell,
-            ..CommandRequest::default()
+    fn a_question_takes_no_permit_of_a_command() {
+        let (api, _calls) = remote_api();
+        let request = |tell| {
+            let asked = CommandRequest {
+                tell,
+                ..CommandRequest::default()
+            };
+            command_request(&asked.encode_to_vec(), &api)
         };
-        assert_eq!(kind(&asked(true).encode_to_vec()), RemoteKind::Tell);
-        assert_eq!(kind(&asked(false).encode_to_vec()), RemoteKind::Command);
-        assert_eq!(kind(&[255]), RemoteKind::Command);
+        let questions: Vec<_> = std::iter::from_fn(|| request(true).ok())
+            .take(100)
+            .collect();
+        assert!((1..100).contains(&questions.len()), "{}", questions.len());
+        assert_eq!(request(true).unwrap_err().code, "E0105");
+        assert!(request(false).is_ok());
+        assert_eq!(command_request(&[255], &api).unwrap_err().code, "E0806");
     }
 }

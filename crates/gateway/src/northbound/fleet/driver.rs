@@ -10,10 +10,10 @@ use crate::northbound::outbox::{self, OutboxHandle, OutboxState, Reading, StateA
 use crate::northbound::outlet::Outlet;
 use crate::remote_api::RemoteKind;
 use async_nats::connection::State;
-use async_nats::{HeaderMap, Message, StatusCode, Subscriber};
+use async_nats::{HeaderMap, Message, StatusCode, Subject, Subscriber};
 use prost::Message as _;
 use railbus_api::problem::{Problem, codes};
-use railbus_fleet::message::{Resend, ResendAnswer};
+use railbus_fleet::message::{CommandRequest, Resend, ResendAnswer};
 use railbus_fleet::uplink::{
     NoResend, OutboxHead, READ_MAX, SiteIdentity, UpMessage, Uplink, UplinkFault, UplinkInput,
     UplinkOutput,
@@ -312,9 +312,9 @@ impl Driver {
                 }
                 Err(problem) => refused(&problem).encode_to_vec(),
             },
-            Some("cmd") => match self.outlet.api.permit(asked::kind(&asked.payload)) {
-                Ok(permit) => {
-                    self.carry_out(connection, asked, permit);
+            Some("cmd") => match asked::command_request(&asked.payload, &self.outlet.api) {
+                Ok((request, permit)) => {
+                    self.carry_out(connection, asked.reply, request, permit);
                     return;
                 }
                 Err(problem) => asked::not_begun(&problem).encode_to_vec(),
@@ -361,8 +361,14 @@ impl Driver {
     }
 
     /// Gives a command to this site, or tells what came of it, beside everything else.
-    fn carry_out(&self, connection: &Connection, asked: Message, permit: OwnedSemaphorePermit) {
-        let Some(reply) = asked.reply else {
+    fn carry_out(
+        &self,
+        connection: &Connection,
+        reply: Option<Subject>,
+        request: CommandRequest,
+        permit: OwnedSemaphorePermit,
+    ) {
+        let Some(reply) = reply else {
             return;
         };
         let (api, client) = (Arc::clone(&self.outlet.api), connection.client.clone());
@@ -370,7 +376,7 @@ impl Driver {
         let run = self.run;
         tokio::spawn(async move {
             let (answer, permit) =
-                asked::command(&api, &name, (run, rights), &asked.payload, permit).await;
+                asked::command(&api, &name, (run, rights), request, permit).await;
             let sent = async {
                 if client.connection_state() == State::Connected {
                     // Both fail if the connection has ended: the centre asks again.

@@ -10,7 +10,7 @@ mod connection;
 mod driver;
 mod settings;
 
-use super::kind::{Field, OutletKind, Pair, Shape};
+use super::kind::{Field, OutletKind, Pair, Shape, WRITE};
 
 /// The way to the centre of a fleet.
 pub(super) static KIND: OutletKind = OutletKind {
@@ -80,15 +80,7 @@ const FIELDS: &[Field] = &[
         "File ca.pem of the fleet on this machine; the authorities of this machine if left empty",
         "本机上该站群的 ca.pem 文件；留空则使用本机信任的 CA",
     ]),
-    Field::new(
-        "write",
-        ["Outputs that may be switched", "允许操作的输出"],
-        Shape::Points,
-    )
-    .with_hint([
-        "Outputs such as oven.k1, oven or *; nothing if left empty",
-        "输出，如 oven.k1、oven 或 *；留空则均不可操作",
-    ]),
+    WRITE,
     Field::new(
         "replay_days",
         ["Keep changes (days)", "变化保留天数"],

@@ -24,7 +24,7 @@ mod topics;
 mod turns;
 
 use super::broker::fields;
-use super::kind::{EVENTS, Field, OutletKind, Pair, Shape};
+use super::kind::{EVENTS, Field, OutletKind, Pair, Shape, WRITE};
 use super::offered::OfferWay;
 
 /// MQTT, as a client.
@@ -89,15 +89,7 @@ const FIELDS: &[Field] = &[
         Shape::Text(64),
     )
     .with_hint(["The name of the site if left empty", "留空则使用站点名称"]),
-    Field::new(
-        "write",
-        ["Outputs that may be switched", "允许操作的输出"],
-        Shape::Points,
-    )
-    .with_hint([
-        "Outputs such as oven.k1, oven or *; nothing if left empty",
-        "输出，如 oven.k1、oven 或 *；留空则均不可操作",
-    ]),
+    WRITE,
     Field::new(
         "replay_days",
         [

@@ -19,7 +19,7 @@ mod settings;
 mod topics;
 
 use super::broker::fields;
-use super::kind::{Field, OutletKind, Pair, Shape};
+use super::kind::{Field, OutletKind, Pair, Shape, WRITE};
 
 /// Sparkplug, as an edge node.
 pub(super) static KIND: OutletKind = OutletKind {
@@ -86,15 +86,7 @@ const FIELDS: &[Field] = &[
         "Its host ID: nothing is told while it is away. None if left empty",
         "填写其主机 ID；该主机离线期间不发布数据。留空则不等待",
     ]),
-    Field::new(
-        "write",
-        ["Outputs that may be switched", "允许操作的输出"],
-        Shape::Points,
-    )
-    .with_hint([
-        "Outputs such as oven.k1, oven or *; nothing if left empty",
-        "输出，如 oven.k1、oven 或 *；留空则均不可操作",
-    ]),
+    WRITE,
     Field::new(
         "replay_days",
         [

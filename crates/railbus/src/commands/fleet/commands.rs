@@ -1,4 +1,4 @@
-//! `railbus fleet commands`: what was wanted of sites, and what came of it.
+//! `railbus fleet commands`: the commands that were given to sites, and their results.
 
 use super::FleetText;
 use crate::args;
@@ -54,7 +54,7 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
     }
     let shown = Records {
         key: "commands",
-        rows: ls::json_of(newest).into_iter().map(flat).collect(),
+        rows: ls::json_of(newest),
         columns: &[
             "at",
             "site",
@@ -74,22 +74,6 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
     out::result(lang, &shown.render(context.format))
 }
 
-/// What came of it beside the rest, as CSV has it.
-fn flat(mut command: Value) -> Value {
-    let end = command.get("end").cloned().unwrap_or_default();
-    for (key, name) in [
-        ("how", "how"),
-        ("code", "code"),
-        ("confirmed", "confirmed"),
-        ("at", "end_at"),
-    ] {
-        if let (Some(value), Some(command)) = (end.get(key), command.as_object_mut()) {
-            command.insert(name.to_owned(), value.clone());
-        }
-    }
-    command
-}
-
 /// A time by the clock of this machine.
 fn when(at: &str) -> String {
     match at.parse::<jiff::Timestamp>() {
@@ -98,7 +82,7 @@ fn when(at: &str) -> String {
     }
 }
 
-/// What was wanted, as it is written at the terminal.
+/// A command, as it is written at the terminal.
 fn what(lang: Lang, command: &FleetCommand) -> String {
     let path = command
         .path
@@ -124,7 +108,9 @@ fn what(lang: Lang, command: &FleetCommand) -> String {
             format!("{module} {}", each.collect::<Vec<_>>().join(" "))
         }),
         ["groups", group, "set"] => {
-            state(body.get("value")).map(|state| format!("@{group} {state}"))
+            let word = body.get("value").and_then(Value::as_str).map(str::to_owned);
+            let state = state(body.get("value")).or(word);
+            state.map(|state| format!("@{group} {state}"))
         }
         ["scenes", scene, "run"] => Some(format!("scene {scene}")),
         ["batch"] => body.get("set").and_then(Value::as_array).map(|set| {
@@ -136,7 +122,7 @@ fn what(lang: Lang, command: &FleetCommand) -> String {
     known.unwrap_or_else(|| format!("{} {path} {}", command.method, command.body))
 }
 
-/// What came of it.
+/// Its result.
 fn result(lang: Lang, end: Option<&FleetCommandEnd>) -> String {
     let Some(end) = end else {
         return lang.get(FleetText::NoEndYet).to_owned();

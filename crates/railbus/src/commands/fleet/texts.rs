@@ -125,7 +125,7 @@ railbus_words::texts! {
     Ls { en: "List the sites of the fleet.", zh: "列出站群的站点。" }
     Get { en: "Show the points of a site, as the centre knows them.", zh: "显示中心所知的站点点位。" }
     CommandsAbout {
-        en: "List the commands that were given to sites through the centre, and what came of them.",
+        en: "List the commands that were given to sites through the centre, and their results.",
         zh: "列出经中心下达给站点的命令及其结果。",
     }
     Limit { en: "How many, the newest [20]", zh: "显示最新的几条 [20]" }
