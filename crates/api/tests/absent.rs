@@ -21,7 +21,8 @@ fn unsaid(text: &str) -> Vec<&str> {
         if line.starts_with("#[") {
             attributes.push_str(line);
         } else if !line.starts_with("///") {
-            let is_said = ["Option::is_none", "schema(required"]
+            // Of one that is flattened and none, no field is written at all.
+            let is_said = ["Option::is_none", "schema(required", "serde(flatten)"]
                 .iter()
                 .any(|said| attributes.contains(said));
             if is_answer && line.contains(": Option<") && !is_said {
@@ -55,6 +56,8 @@ fn one_that_is_unsaid_is_found() {
         /// Null where it is not known.
         #[schema(required)]
         pub b: Option<u8>,
+        #[serde(flatten)]
+        pub c: Option<C>,
     }";
     assert_eq!(unsaid(good), Vec::<&str>::new());
     let bad = format!("{good}\npub struct B {{\n pub a: u8,\n pub b: Option<u8>,\n}}");
