@@ -31,13 +31,15 @@ type Trial = fn(&World) -> Result<String, String>;
 
 /// One after another; those of a row side by side, as they mostly wait.
 const TRIALS: &[&[(&str, Trial)]] = &[
-    &[("cases", cases::every_case_holds)],
+    &[
+        ("cases", cases::every_case_holds),
+        ("same", same::the_same_bytes_get_the_same_replies),
+    ],
     &[("burst", burst::no_frame_of_a_burst_is_lost)],
     &[
         ("five", five::railbus_runs_five_boards),
         ("truth", truth::what_is_told_is_so),
     ],
-    &[("same", same::the_same_bytes_get_the_same_replies)],
 ];
 
 /// What a trial needs to know.
