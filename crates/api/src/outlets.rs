@@ -209,6 +209,20 @@ pub struct OutletMap {
     pub rows: Vec<Vec<String>>,
 }
 
+/// What came of an invitation.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct OutletJoined {
+    /// The version of the API.
+    pub schema: u8,
+    /// The name of the integration.
+    pub outlet: String,
+    /// What this site is called at the other side.
+    pub called: String,
+    /// Until when that is valid, as RFC 3339 in UTC; left out where it does not end.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub until: Option<String>,
+}
+
 /// The result of a test.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct OutletTest {

@@ -281,6 +281,8 @@ pub mod codes {
         /// Also `reason`: the day.
         FLEET_KEY_ENDS = "E0936", 401;
         /// Also `reason`.
+        NOT_INVITED = "E0938", 403;
+        /// Also `reason`.
         FLEET_NOT_STORED = "E0164", 503;
         /// Also `reason`.
         FLEET_ENDED = "E0165", 502;

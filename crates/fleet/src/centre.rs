@@ -269,7 +269,9 @@ impl Centre {
                 (&*beat.beat.boot, beat.beat.time_ms.saturating_add(since))
             }),
             version: lease.map_or("", |lease| &lease.version),
-            key_expires_s: lease.and_then(|lease| lease.key_expires_s),
+            key_expires_s: beat
+                .and_then(|beat| beat.beat.key_expires_s)
+                .or_else(|| lease.and_then(|lease| lease.key_expires_s)),
             duplicate: site.duplicate.map(ago),
             points: site.known.points(),
         }
@@ -377,8 +379,11 @@ impl Centre {
     }
 
     fn reply(&mut self, number: u64, answer: HelloAnswer) {
-        let answer = Some(answer);
-        let reply = CentreOutput::Reply(number, Welcome { answer }.encode_to_vec());
+        let welcome = Welcome {
+            answer: Some(answer),
+            clock_ms: self.clock_ms,
+        };
+        let reply = CentreOutput::Reply(number, welcome.encode_to_vec());
         self.outputs.push_back(reply);
     }
 

@@ -1,14 +1,11 @@
 //! Claims of NATS: the name and the rights of a key, signed by the key that grants them. JSON Web
 //! Tokens of version 2, as `github.com/nats-io/jwt` has them; the judge is the server.
 
-use crate::grants::{self, Shared};
+use crate::grants::Shared;
 use data_encoding::{BASE32_NOPAD, BASE64URL_NOPAD};
 use nkeys::KeyPair;
 use serde_json::{Map, Value, json};
 use sha2::{Digest, Sha512_256};
-
-/// How many days the claims of a site are valid. After that its file has to be replaced.
-pub const SITE_DAYS: u64 = 90;
 
 /// Claims without a signature.
 pub(crate) struct Claims<'c> {
@@ -112,13 +109,13 @@ pub(crate) fn imports(from: &str, shared: &[Shared]) -> Value {
     shared.iter().map(one).collect()
 }
 
-/// The key of an account that can only make sites.
-pub(crate) fn site_key(public: &str) -> Value {
+/// A key of an account that can only sign users with these rights.
+pub(crate) fn scoped_key(public: &str, role: &str, rights: Value) -> Value {
     json!({
         "kind": "user_scope",
         "key": public,
-        "role": "site",
-        "template": grants::site(),
+        "role": role,
+        "template": rights,
     })
 }
 

@@ -131,7 +131,7 @@ pub fn found(nodes: &[NodeAddress], now: u64) -> Result<Vec<FoundedFile>, Foundi
         return Err(FoundingError::Twice(node.clone()));
     }
     let (operator, operator_signing) = (KeyPair::new_operator(), KeyPair::new_operator());
-    let site_signing = KeyPair::new_account();
+    let (site_signing, join_signing) = (KeyPair::new_account(), KeyPair::new_account());
     let system = Account::new("SYS", false);
     let mut sites = Account::new("SITES", false);
     let mut hub = Account::new("HUB", true);
@@ -143,8 +143,11 @@ pub fn found(nodes: &[NodeAddress], now: u64) -> Result<Vec<FoundedFile>, Foundi
     claim(&mut sites, "imports", claims::imports(&hub_key, OF_HUB));
     claim(&mut sites, "exports", claims::exports(OF_SITES));
     claim(&mut hub, "imports", claims::imports(&sites_key, OF_SITES));
-    let site_key = claims::site_key(&site_signing.public_key());
-    claim(&mut sites, "signing_keys", Value::Array(vec![site_key]));
+    let signing_keys = vec![
+        claims::scoped_key(&site_signing.public_key(), "site", grants::site()),
+        claims::scoped_key(&join_signing.public_key(), "join", grants::invited()),
+    ];
+    claim(&mut sites, "signing_keys", Value::Array(signing_keys));
 
     let system_key = system.key.public_key();
     let operator_claims = Claims {
@@ -173,6 +176,7 @@ pub fn found(nodes: &[NodeAddress], now: u64) -> Result<Vec<FoundedFile>, Foundi
         secret("offline/ca.key", ca_key),
         secret("offline/operator-signing.nk", line(&operator_signing)?),
         secret("hub/site-signing.nk", line(&site_signing)?),
+        secret("hub/join-signing.nk", line(&join_signing)?),
         secret("hub/hub.creds", hub.user("hub", grants::hub(), now)?),
         secret(
             "hub/system.creds",
@@ -250,12 +254,12 @@ mod tests {
         let mut texts: Vec<_> = files.iter().filter(|file| file.is_secret).collect();
         texts.sort_by_key(|file| file.text.clone());
         texts.dedup_by_key(|file| file.text.clone());
-        assert_eq!(texts.len(), 12);
+        assert_eq!(texts.len(), 13);
         let secrets = |folder: &str| {
             let its = texts.iter().filter(|file| file.path.starts_with(folder));
             its.count()
         };
-        assert_eq!(["offline/", "hub/", "server"].map(secrets), [6, 3, 3]);
+        assert_eq!(["offline/", "hub/", "server"].map(secrets), [6, 4, 3]);
     }
 
     #[test]

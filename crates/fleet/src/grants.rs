@@ -11,6 +11,11 @@ use serde_json::{Value, json};
 pub(crate) const PAYLOAD_MAX: u64 = 1 << 20;
 /// The most subscriptions of a site.
 const SITE_SUBSCRIPTIONS_MAX: u64 = 64;
+/// The same of somebody invited, and the most bytes of his messages.
+const INVITED_SUBSCRIPTIONS_MAX: u64 = 4;
+const INVITED_PAYLOAD_MAX: u64 = 4 << 10;
+/// How inboxes of those who are invited begin.
+pub const JOIN_INBOX: &str = "_JOIN";
 /// How long a site has to answer a request, in nanoseconds.
 const ANSWER_WITHIN_NS: u64 = 60_000_000_000;
 /// The site's name in the template of its rights. The server puts it in from the signed claims of
@@ -53,6 +58,11 @@ pub(crate) const OF_HUB: &[Shared] = &[
         way: Way::Service,
     },
     Shared {
+        name: "who asks for a key by an invitation",
+        subject: "rb.join.*",
+        way: Way::Service,
+    },
+    Shared {
         name: "a site's documents as they are",
         subject: "$JS.API.DIRECT.GET.DESIRED.rb.desired.*.*",
         way: Way::Service,
@@ -87,6 +97,18 @@ pub(crate) fn site() -> Value {
         "subs": SITE_SUBSCRIPTIONS_MAX,
         "data": -1,
         "payload": PAYLOAD_MAX,
+    })
+}
+
+/// What somebody invited may do: ask for the key of this site. Answers come to an inbox that is none
+/// of a site.
+pub(crate) fn invited() -> Value {
+    json!({
+        "pub": { "allow": [format!("rb.join.{SITE}")] },
+        "sub": { "allow": [format!("{JOIN_INBOX}.{SITE}.>")] },
+        "subs": INVITED_SUBSCRIPTIONS_MAX,
+        "data": -1,
+        "payload": INVITED_PAYLOAD_MAX,
     })
 }
 

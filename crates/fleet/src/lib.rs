@@ -2,9 +2,11 @@
 //! in, and files are returned as texts.
 //!
 //! # Where things are
-//! - What a site and a server may be called: `names`. Keys of the key pairs: `keys`.
+//! - What a site and a server may be called: `names`.
 //! - Who may publish and hear what: `grants`. The same as signed claims that NATS servers obey:
 //!   `claims`. A key and its claims as a file: `creds`.
+//! - What lets a site in once: `invitation`. Keys that the centre issues for it, and renews:
+//!   `issuing`.
 //! - What site and centre say to each other: `message`. What a site says when, and up to where the
 //!   centre has its data: `uplink`. Which machine is a site, which sites are there, and what is
 //!   known of their points: `centre`. Commands to sites, and their results: `ledger`.
@@ -18,8 +20,10 @@
 
 /// A day, in seconds.
 const DAY_S: u64 = 86_400;
-/// A site's key that is valid for less than this has to be renewed, in seconds: 30 days.
-pub const KEY_ENDS_SOON_S: i64 = 30 * 86_400;
+/// How long the key of a site is valid, in seconds: 90 days.
+pub const SITE_VALID_S: u64 = 90 * DAY_S;
+/// A key that is valid for less than this should have been renewed long ago, in seconds: 21 days.
+pub const KEY_ENDS_SOON_S: i64 = 21 * 86_400;
 
 /// How long the centre waits for an answer of a site's API.
 pub const API_ANSWER_MAX: std::time::Duration = std::time::Duration::from_secs(25);
@@ -32,6 +36,8 @@ mod creds;
 mod dice;
 pub mod founding;
 mod grants;
+pub mod invitation;
+pub mod issuing;
 pub mod ledger;
 pub mod message;
 mod names;
@@ -39,7 +45,10 @@ pub mod revocation;
 mod server_file;
 pub mod uplink;
 
-pub use claims::SITE_DAYS;
-pub use creds::{CredsError, SiteClaims, read_site_creds, site_creds};
+pub use creds::{
+    CredsError, SiteClaims, SiteSigner, joined_creds, new_site_key, public_site_key,
+    read_site_creds, renewed_creds, site_token,
+};
 pub use founding::NodeAddress;
+pub use grants::JOIN_INBOX;
 pub use names::{is_node_name, is_site_name};

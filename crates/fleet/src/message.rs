@@ -37,6 +37,9 @@ pub struct Welcome {
     /// A session, or none.
     #[prost(oneof = "HelloAnswer", tags = "1, 2")]
     pub answer: Option<HelloAnswer>,
+    /// The clock of the centre, in milliseconds since 1970.
+    #[prost(int64, tag = "3")]
+    pub clock_ms: i64,
 }
 
 /// A session, or none.
@@ -59,6 +62,65 @@ pub struct FleetRefusal {
     /// In English, for logs.
     #[prost(string, tag = "2")]
     pub reason: String,
+}
+
+/// Who wants a key of a site, or his own for longer.
+#[derive(Clone, PartialEq, Eq, prost::Message)]
+pub struct KeyRequest {
+    /// The signed claims that he has: of the invitation, or of the key.
+    #[prost(string, tag = "1")]
+    pub token: String,
+    /// With an invitation: the public key that is to be the site's.
+    #[prost(string, tag = "2")]
+    pub key: String,
+}
+
+/// The answer to [`KeyRequest`].
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct KeyAnswer {
+    /// Claims, or none.
+    #[prost(oneof = "KeyResult", tags = "1, 2")]
+    pub end: Option<KeyResult>,
+}
+
+/// Claims of a site, or none.
+#[derive(Clone, PartialEq, prost::Oneof)]
+pub enum KeyResult {
+    /// The signed claims.
+    #[prost(string, tag = "1")]
+    Token(String),
+    /// Why there are none.
+    #[prost(message, tag = "2")]
+    Refusal(FleetRefusal),
+}
+
+/// A document of the centre: the keys that it issued to a site.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct SiteKeys {
+    /// Those that have not expired.
+    #[prost(message, repeated, tag = "1")]
+    pub keys: Vec<IssuedKey>,
+    /// When all keys of the site were last revoked, in seconds since 1970: invitations of before
+    /// count no more.
+    #[prost(uint64, tag = "2")]
+    pub revoked_s: u64,
+}
+
+/// A key that was issued to a site.
+#[derive(Clone, PartialEq, Eq, prost::Message)]
+pub struct IssuedKey {
+    /// The public key.
+    #[prost(string, tag = "1")]
+    pub key: String,
+    /// Until when it is valid, in seconds since 1970.
+    #[prost(uint64, tag = "2")]
+    pub until_s: u64,
+    /// The number of the invitation by which it was asked for; empty if there was none.
+    #[prost(string, tag = "3")]
+    pub invitation: String,
+    /// It was revoked.
+    #[prost(bool, tag = "4")]
+    pub is_revoked: bool,
 }
 
 /// A site is there.
@@ -88,6 +150,9 @@ pub struct Beat {
     /// How long the oldest unacknowledged message has been waiting, in milliseconds.
     #[prost(uint64, tag = "8")]
     pub waits_ms: u64,
+    /// As in [`Hello`]: the key may have been renewed since.
+    #[prost(int64, optional, tag = "9")]
+    pub key_expires_s: Option<i64>,
 }
 
 /// Entries with consecutive numbers, the oldest first.

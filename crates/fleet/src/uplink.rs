@@ -4,11 +4,14 @@
 //! Nothing is sent without a session, so that of two machines with one key only one reports. What
 //! is not acknowledged is sent again; a receiver recognises it by its numbers.
 
+mod renewal;
 mod transfer;
 
+use crate::creds::SiteClaims;
 use crate::message::{Beat, DataEntry, Hello, HelloAnswer, SiteState, Welcome};
 use prost::Message as _;
 use railbus_store::outbox::{OutboxEntry, Piece};
+use renewal::Renewal;
 use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Duration;
@@ -42,10 +45,6 @@ const STATES_MAX: usize = 4;
 /// What a site says of itself.
 #[derive(Clone, Debug)]
 pub struct SiteIdentity {
-    /// Its name in the fleet.
-    pub site: String,
-    /// Until when its key is valid, in seconds since 1970; none where it does not expire.
-    pub key_expires_s: Option<i64>,
     /// Which installation this is.
     pub installation: [u8; 16],
     /// Which run of it.
@@ -94,6 +93,8 @@ pub enum UplinkOutput {
     /// The centre's servers have everything up to this number, or were told that it was dropped: so
     /// many entries more than before.
     Delivered(Arc<str>, u64, u64),
+    /// The centre issued these claims, signed, for the key of a site: probably this one.
+    Renewed(String),
     /// It works.
     Works,
     /// It does not, and is tried again after this time.
@@ -143,6 +144,11 @@ enum Session {
 #[derive(Debug)]
 pub struct Uplink {
     own: SiteIdentity,
+    /// Its name in the fleet.
+    site: String,
+    /// Until when its key is valid, in seconds since 1970; none where it does not expire.
+    key_expires_s: Option<i64>,
+    renewal: Renewal,
     session: Session,
     /// The number of the last message with an answer.
     number: u64,
@@ -172,6 +178,9 @@ impl Uplink {
     pub fn new(own: SiteIdentity) -> Uplink {
         Uplink {
             own,
+            site: String::new(),
+            key_expires_s: None,
+            renewal: Renewal::default(),
             session: Session::Offline,
             number: 0,
             outputs: VecDeque::new(),
@@ -189,11 +198,11 @@ impl Uplink {
         }
     }
 
-    /// Sets what the credentials say: the site, and until when they are valid, in seconds since
-    /// 1970.
-    pub fn set_site(&mut self, site: String, key_expires_s: Option<i64>) {
-        self.own.site = site;
-        self.own.key_expires_s = key_expires_s;
+    /// Sets what the credentials say, and the signed claims in them.
+    pub fn set_claims(&mut self, claims: &SiteClaims, token: String) {
+        self.site.clone_from(&claims.site);
+        self.key_expires_s = claims.expires.and_then(|at| i64::try_from(at).ok());
+        self.renewal.set_claims(claims, token);
     }
 
     /// Something happened, at this time since the start.
@@ -336,7 +345,7 @@ impl Uplink {
             newest: self.transfer.head().newest,
             version: self.own.version.clone(),
             clock_ms: self.clock_ms,
-            key_expires_s: self.own.key_expires_s,
+            key_expires_s: self.key_expires_s,
             time_ms: millis(now),
         };
         let number = self.next_number();
@@ -379,6 +388,11 @@ impl Uplink {
             self.is_finding_state = true;
             self.outputs.push_back(UplinkOutput::FindState);
         }
+        if self.renewal.is_due(now, self.clock_ms) {
+            let number = self.next_number();
+            let request = self.renewal.ask(now, number);
+            self.publish("renew", None, request, Some(number));
+        }
         if self.transfer.is_overdue(now) {
             self.refused(now, "no answer in time".to_owned());
         }
@@ -405,6 +419,7 @@ impl Uplink {
             delivered: self.transfer.delivered(),
             clock_ms: self.clock_ms,
             waits_ms: waits.map_or(0, |since| millis(now.saturating_sub(since))),
+            key_expires_s: self.key_expires_s,
         };
         self.publish("beat", None, beat.encode_to_vec(), None);
     }
@@ -416,7 +431,7 @@ impl Uplink {
             _ => "",
         };
         let sender = Sender {
-            site: &self.own.site,
+            site: &self.site,
             boot: &self.own.boot,
             session,
             most: BATCH_MAX.min(self.message_max.saturating_sub(AROUND)),
@@ -478,6 +493,11 @@ impl Uplink {
             }
             return;
         }
+        if self.renewal.is_asked(number) {
+            let token = self.renewal.answer(answer);
+            self.outputs.extend(token.map(UplinkOutput::Renewed));
+            return;
+        }
         if self.states_asked.contains(&number) {
             // A later one may still be on its way.
             if self.states_asked.back() == Some(&number) {
@@ -508,10 +528,11 @@ impl Uplink {
     fn welcome(&mut self, now: Duration, welcome: Welcome) {
         match welcome.answer {
             Some(HelloAnswer::Session(session)) if is_token(&session) => {
-                let subjects = format!("rb.down.{}.{session}.*", self.own.site);
+                let subjects = format!("rb.down.{}.{session}.*", self.site);
                 let listen = UplinkOutput::Listen(subjects, session.clone());
                 self.outputs.push_back(listen);
                 self.session = Session::Has(session);
+                self.renewal.set_centre(now, welcome.clock_ms);
                 self.works();
                 (self.beat_at, self.state_at) = (None, None);
             }
@@ -541,7 +562,7 @@ impl Uplink {
     }
 
     fn publish(&mut self, what: &str, id: Option<String>, payload: Vec<u8>, answer: Option<u64>) {
-        let subject = format!("rb.up.{}.{what}", self.own.site);
+        let subject = format!("rb.up.{}.{what}", self.site);
         self.outputs.push_back(UplinkOutput::Publish(UpMessage {
             subject,
             id,

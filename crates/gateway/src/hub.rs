@@ -5,10 +5,11 @@
 //! - What is decided, without I/O: `railbus_fleet::centre` and `railbus_fleet::ledger`. What drives
 //!   it: `driver`. Its connection, and the streams of its servers: `link`. What it tells:
 //!   `routes`, `view`. What sites tell through it: `site_api`. What they are told to do: `command`.
-//!   Keys that are let in no longer: `revoke`.
+//!   Keys that it issues: `keys`. Keys that are let in no longer: `revoke`.
 
 mod command;
 mod driver;
+mod keys;
 mod link;
 mod revoke;
 mod routes;
@@ -22,7 +23,7 @@ use link::HubFiles;
 use railbus_app::failure::Failure;
 use railbus_app::socket;
 use railbus_words::{Code, Lang};
-pub use revoke::{Revocation, revoke_keys};
+pub use revoke::{Revocation, revoke_issued, revoke_keys};
 use std::path::{Path, PathBuf};
 use tokio::sync::{mpsc, watch};
 

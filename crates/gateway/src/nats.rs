@@ -5,6 +5,7 @@ use async_nats::ConnectErrorKind;
 use futures_core::Stream;
 use railbus_api::problem::{Problem, codes};
 use std::error::Error as _;
+use std::path::Path;
 use std::pin::Pin;
 
 /// Why there is no connection.
@@ -21,6 +22,13 @@ pub(crate) fn unreached(error: async_nats::ConnectError) -> Problem {
     let source = error.source().map(ToString::to_string);
     let reason = tls_reason(&error).or(source);
     Problem::new(code).with("reason", reason.unwrap_or_else(|| error.to_string()))
+}
+
+/// A file with keys or certificates can't be used.
+pub(crate) fn unusable(path: &Path, reason: &dyn ToString) -> Problem {
+    Problem::new(codes::FLEET_FILE)
+        .with("path", path.display().to_string())
+        .with("reason", reason.to_string())
 }
 
 /// The next of a stream; none at its end. Cancel-safe.

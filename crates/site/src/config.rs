@@ -37,7 +37,7 @@ pub use owner::Allowed;
 pub use past::PastLimits;
 pub use plant::{Blink, Plant, Signal, SimLine, SimModule, Swing};
 pub use problem::{ConfigProblem, Invalid};
-pub use read::{place_of, resembles};
+pub use read::{is_slug, place_of, resembles};
 pub use rules::{ACTIONS_MAX, Action, Clock, Limit, NOTICE_MAX, RULES_MAX, Rule, When};
 pub use units::{Range, Standard};
 pub use webhook::{URL_MAX, WEBHOOKS_MAX, Webhook, is_url};

@@ -1,4 +1,5 @@
 mod play;
+mod renewal;
 
 use super::transfer::{AGAIN, GATHER, pack};
 use super::*;
@@ -6,18 +7,35 @@ use crate::message::{DataBatch, FleetRefusal};
 use railbus_store::outbox::{DroppedEntries, EntryKind};
 use std::collections::BTreeMap;
 
-fn identity() -> SiteIdentity {
-    identity_of([7; 16], [8; 16])
+fn new_uplink() -> Uplink {
+    uplink_of([7; 16], [8; 16])
 }
 
-pub(crate) fn identity_of(installation: [u8; 16], boot: [u8; 16]) -> SiteIdentity {
-    SiteIdentity {
-        site: "plant7".to_owned(),
-        key_expires_s: Some(1_800_000_000),
+pub(crate) fn uplink_of(installation: [u8; 16], boot: [u8; 16]) -> Uplink {
+    let mut uplink = Uplink::new(SiteIdentity {
         installation,
         boot,
         version: "1.0.0".to_owned(),
+    });
+    uplink.set_claims(&claims(1_700_000_000, 1_800_000_000), "token".to_owned());
+    uplink
+}
+
+fn claims(issued: u64, expires: u64) -> SiteClaims {
+    SiteClaims {
+        site: "plant7".to_owned(),
+        key: "U".to_owned(),
+        issued,
+        expires: Some(expires),
+        id: String::new(),
     }
+}
+
+/// The answer to a request for a session, of a centre whose clock is that of [`Site::outputs`].
+fn welcome(answer: HelloAnswer) -> Vec<u8> {
+    let answer = Some(answer);
+    let clock_ms = 1_700_000_000_000;
+    Welcome { answer, clock_ms }.encode_to_vec()
 }
 
 fn entry(number: u64) -> OutboxEntry {
@@ -103,7 +121,7 @@ pub(crate) struct Site {
 impl Site {
     pub(crate) fn new() -> Site {
         let mut site = Site {
-            uplink: Uplink::new(identity()),
+            uplink: new_uplink(),
             disk: Disk::default(),
             now: Duration::from_secs(5),
         };
@@ -158,8 +176,7 @@ impl Site {
     }
 
     fn is_welcome(&mut self, number: u64) {
-        let answer = Some(HelloAnswer::Session("s1".to_owned()));
-        self.answer(number, &Welcome { answer }.encode_to_vec());
+        self.answer(number, &welcome(HelloAnswer::Session("s1".to_owned())));
     }
 
     /// Connected and welcome; what it says first.
@@ -219,11 +236,8 @@ fn without_a_session_nothing_is_said() {
         code: "E0917".to_owned(),
         reason: "taken".to_owned(),
     };
-    let answer = Some(HelloAnswer::Refusal(refusal));
-    site.answer(
-        hello[0].answer.unwrap(),
-        &Welcome { answer }.encode_to_vec(),
-    );
+    let answer = welcome(HelloAnswer::Refusal(refusal));
+    site.answer(hello[0].answer.unwrap(), &answer);
     let fault = UplinkFault::NoSession("E0917".to_owned(), "taken".to_owned());
     assert_eq!(site.outputs(), [UplinkOutput::Fails(fault, TAKEN)]);
     assert_eq!(site.uplink.deadline(), Some(site.now + TAKEN));
@@ -287,16 +301,13 @@ fn a_session_that_the_centre_ends_is_asked_for_again() {
 
 #[test]
 fn an_answer_that_is_no_session_gives_none() {
-    let session = |name: &str| {
-        let answer = Some(HelloAnswer::Session(name.to_owned()));
-        Welcome { answer }.encode_to_vec()
-    };
+    let session = |name: &str| welcome(HelloAnswer::Session(name.to_owned()));
     for answer in [
         session(""),
         session("a.b"),
         session(">"),
         session(&"a".repeat(65)),
-        Welcome { answer: None }.encode_to_vec(),
+        Vec::new(),
         b"\xFF\xFF".to_vec(),
     ] {
         let mut site = Site::new();

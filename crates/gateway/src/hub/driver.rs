@@ -59,7 +59,7 @@ pub(super) enum HubCall {
 }
 
 /// The latest document of a subject and its revision; none if there is none.
-type LastDocument = Option<(Vec<u8>, u64)>;
+pub(super) type LastDocument = Option<(Vec<u8>, u64)>;
 
 /// The result of a request to a stream.
 enum StreamEnd {
@@ -255,7 +255,10 @@ impl Driver {
                 }
             }
         }
-        let link = opened.subscribe().await?;
+        let (link, keys) = opened.subscribe(&self.files).await?;
+        if let Err(problem) = keys {
+            self.failed(problem);
+        }
         self.handle(CentreInput::Connected);
         self.note(LedgerInput::Connected);
         self.error = None;
@@ -629,7 +632,7 @@ impl Driver {
 }
 
 /// Stores a document, provided that the latest one of its subject has this revision.
-async fn put(
+pub(super) async fn put(
     streams: &Context,
     subject: String,
     payload: Vec<u8>,
@@ -664,7 +667,11 @@ fn is_in_flight(error: &PublishError) -> bool {
 }
 
 /// Reads the latest document of a subject from the leader of its stream; none if that fails.
-async fn last_of(streams: &Context, stream: &str, subject: &str) -> Option<LastDocument> {
+pub(super) async fn last_of(
+    streams: &Context,
+    stream: &str,
+    subject: &str,
+) -> Option<LastDocument> {
     let stream = streams.get_stream_no_info(stream).await.ok()?;
     match stream.get_last_raw_message_by_subject(subject).await {
         Ok(found) => Some(Some((found.payload.to_vec(), found.sequence))),

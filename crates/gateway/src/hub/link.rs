@@ -1,7 +1,8 @@
 //! The centre's connection to its servers, and the streams it has there.
 
+use super::keys::{self, KeyDesk, KeyRequests};
 use super::site_api::SiteWay;
-use crate::nats::{next, unreached};
+use crate::nats::{next, unreached, unusable};
 use crate::northbound::broker::trusting;
 use async_nats::jetstream::consumer::pull::{Ordered, OrderedConfig};
 use async_nats::jetstream::consumer::{Consumer, DeliverPolicy};
@@ -48,7 +49,11 @@ pub(super) struct HubFiles {
     /// The addresses of the servers.
     pub(super) servers: Vec<String>,
     ca: PathBuf,
-    creds: PathBuf,
+    pub(super) creds: PathBuf,
+    /// The public key of the sites' account, and the keys that sign sites and invitations.
+    pub(super) account: PathBuf,
+    pub(super) site_signing: PathBuf,
+    pub(super) join_signing: PathBuf,
 }
 
 /// A connection without subscriptions.
@@ -85,12 +90,8 @@ pub(super) struct Link {
     pub(super) leases: Ordered,
     /// What is wanted of sites and came of it, as it is stored.
     pub(super) commands: Ordered,
-}
-
-pub(super) fn unusable(path: &Path, reason: &dyn ToString) -> Problem {
-    Problem::new(codes::FLEET_FILE)
-        .with("path", path.display().to_string())
-        .with("reason", reason.to_string())
+    /// Answers requests for keys.
+    _keys: KeyDesk,
 }
 
 fn no_streams(reason: &dyn ToString) -> Problem {
@@ -118,6 +119,9 @@ impl HubFiles {
             servers,
             ca: hub.join("ca.pem"),
             creds: hub.join("hub.creds"),
+            account: hub.join("sites-account.pub"),
+            site_signing: hub.join("site-signing.nk"),
+            join_signing: hub.join("join-signing.nk"),
         })
     }
 
@@ -233,15 +237,26 @@ impl Opened {
     /// Subscribes to the messages of sites. Only after the documents were applied: messages queued
     /// meanwhile would look fresher than they are. What is missed is requested.
     ///
+    /// Also why keys can't be issued on it, if they can't.
+    ///
     /// # Errors
     /// The connection has ended.
-    pub(super) async fn subscribe(self) -> Result<Link, Problem> {
+    pub(super) async fn subscribe(
+        self,
+        files: &HubFiles,
+    ) -> Result<(Link, Result<(), Problem>), Problem> {
         let client = self.client;
         let hellos = client.queue_subscribe("rb.up.*.hello", QUEUE.to_owned());
         let hellos = hellos.await.map_err(|error| ended(&error))?;
         let said = client.subscribe(SAID).await;
         let said = said.map_err(|error| ended(&error))?;
-        Ok(Link {
+        let joins = client.queue_subscribe("rb.join.*", QUEUE.to_owned());
+        let joins = joins.await.map_err(|error| ended(&error))?;
+        let renewals = client.queue_subscribe("rb.up.*.renew", QUEUE.to_owned());
+        let renewals = renewals.await.map_err(|error| ended(&error))?;
+        let requests = KeyRequests { joins, renewals };
+        let (keys, can_sign) = keys::open(files, client.clone(), self.streams.clone(), requests);
+        let link = Link {
             client,
             streams: self.streams,
             is_up: self.is_up,
@@ -249,7 +264,9 @@ impl Opened {
             said,
             leases: self.leases,
             commands: self.commands,
-        })
+            _keys: keys,
+        };
+        Ok((link, can_sign))
     }
 }
 

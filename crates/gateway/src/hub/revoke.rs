@@ -1,11 +1,13 @@
 //! Revokes keys of sites: servers get the claims of the sites' account with these keys in them, and
 //! end connections made with them at once.
 
+use super::keys;
 use super::link::{self, HubFiles};
-use crate::nats::next;
+use crate::nats::{next, unusable};
 use async_nats::{Client, Subscriber};
 use railbus_api::problem::{Problem, codes};
 use railbus_app::failure::Failure;
+use railbus_fleet::message::IssuedKey;
 use railbus_fleet::revocation::{RevokedKey, revoke};
 use railbus_store::durable;
 use railbus_words::Lang;
@@ -52,7 +54,7 @@ pub fn revoke_keys(
         let count = files.servers.len();
         let account_file = folder.join("hub/sites-account.pub");
         let account = std::fs::read_to_string(&account_file);
-        let account = account.map_err(|error| link::unusable(&account_file, &error))?;
+        let account = account.map_err(|error| unusable(&account_file, &error))?;
         let account = account.trim();
         let (client, _) = link::connect(&files, &folder.join("hub/system.creds")).await?;
         let mut tokens = claims(&client, account, count).await?;
@@ -60,9 +62,9 @@ pub fn revoke_keys(
         // There is none the first time.
         tokens.extend(std::fs::read_to_string(&kept).map(|token| token.trim().to_owned()));
         let token = revoke((&tokens, account), signing, keys, now);
-        let token = token.map_err(|error| link::unusable(folder, &error))?;
+        let token = token.map_err(|error| unusable(folder, &error))?;
         let kept_so = durable::replace(&kept, token.as_bytes(), None);
-        kept_so.map_err(|error| link::unusable(&kept, &error))?;
+        kept_so.map_err(|error| unusable(&kept, &error))?;
         let (mut servers, refused) = hand_over(&client, account, &token, count).await?;
         // Another one may have handed over others at the same moment.
         let now_there = claims(&client, account, count).await?;
@@ -75,12 +77,37 @@ pub fn revoke_keys(
             refused,
         })
     };
+    at_once(lang, revoked)
+}
+
+/// Waits for something.
+fn at_once<T>(lang: Lang, what: impl Future<Output = Result<T, Problem>>) -> Result<T, Failure> {
     tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()
         .map_err(|error| super::cant_serve(lang, error))?
-        .block_on(revoked)
-        .map_err(|problem: Problem| Failure::of_problem(lang, &problem))
+        .block_on(what)
+        .map_err(|problem| Failure::of_problem(lang, &problem))
+}
+
+/// Notes at the servers that the keys of this site are revoked, and these besides, each with the time
+/// until which it is valid: the centre renews them no more, and invitations of before count no more.
+/// All that the centre has issued.
+///
+/// # Errors
+/// Files can't be used, no server can be reached, or the streams can't be used.
+pub fn revoke_issued(
+    lang: Lang,
+    folder: &Path,
+    site: &str,
+    keys: &[(String, u64)],
+) -> Result<Vec<IssuedKey>, Failure> {
+    let noted = async {
+        let files = HubFiles::read(folder)?;
+        let (client, _) = link::connect(&files, &files.creds).await?;
+        keys::revoke(client, site, keys).await
+    };
+    at_once(lang, noted)
 }
 
 /// Asks all servers; their answers as they come, until there are so many or it takes too long.

@@ -2,19 +2,45 @@
 
 use super::offered::OfferWay;
 use super::outlet::Outlet;
+use crate::access::secret::Secret;
 use railbus_api::problem::{Problem, ProblemType as ProblemKind, codes};
 use railbus_site::config::Invalid;
 use railbus_site::config::change::Keys;
 use railbus_site::{Config, Events};
 use railbus_words::Lang;
 use std::net::SocketAddr;
+use std::path::Path;
 use std::pin::Pin;
+use std::sync::Arc;
 
 /// A text in English and in Simplified Chinese.
 pub(crate) type Pair = [&'static str; 2];
 
 /// The work of an outlet, on its own thread.
 pub(crate) type Work<T> = Pin<Box<dyn Future<Output = T>>>;
+
+/// Takes up an invitation, on the threads of the daemon.
+pub(crate) type Join = fn(Invited) -> Pin<Box<dyn Future<Output = Result<Joined, Problem>> + Send>>;
+
+/// An invitation for the outlet of this name, which may not be there yet.
+pub(crate) struct Invited {
+    /// What it is to be called.
+    pub(crate) name: String,
+    /// What was handed over.
+    pub(crate) invitation: Secret,
+    /// The state folder.
+    pub(crate) folder: Arc<Path>,
+}
+
+/// What came of an invitation.
+pub(crate) struct Joined {
+    /// The settings that it gives the outlet.
+    pub(crate) settings: Keys,
+    /// What the site is called at the other side.
+    pub(crate) called: String,
+    /// Until when that is valid, in seconds since 1970; none where it does not end.
+    pub(crate) until: Option<i64>,
+}
 
 /// The table of the configuration in which outlets stand by name, each with its `type`. Only what
 /// is older than it has a table of its own.
@@ -52,6 +78,8 @@ pub(crate) struct OutletKind {
     pub(crate) run: fn(Outlet, Events) -> Work<Result<(), Problem>>,
     /// Tries once whether it works, and says what the other side answered.
     pub(crate) test: fn(Outlet) -> Work<Result<String, Problem>>,
+    /// Takes up an invitation of the other side; none where there are none.
+    pub(crate) join: Option<Join>,
     /// Where each point stands at the other side; none where that is not fixed.
     pub(crate) map: Option<AddressMap>,
     /// What the outlet of this name at this site offers other programs; none where there is
@@ -217,6 +245,7 @@ impl OutletKind {
             fields,
             run,
             test,
+            join: None,
             map: None,
             offer: |_, _, _, _| None,
             demo: None,

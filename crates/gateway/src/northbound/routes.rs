@@ -1,6 +1,6 @@
 //! Outlets over the API: which kinds there are, which outlets, how they do, and tests.
 
-use super::kind::{ENABLED, Field, OutletKind, Pair, Shape, TABLE, Work};
+use super::kind::{ENABLED, Field, Invited, Joined, OutletKind, Pair, Shape, TABLE, Work};
 use super::outlet::Outlet;
 use super::supervisor::{OutletId, Supervised};
 use super::{NORTHBOUND, missing, of_name};
@@ -17,14 +17,15 @@ use crate::{answer, export, language, localize};
 use axum::extract::{Path, State};
 use axum::http::HeaderMap;
 use axum::routing::{delete, get, post, put};
+use jiff::Timestamp;
 use railbus_api::outlets::{
-    BothLanguages, OutletChoice, OutletField, OutletFieldType, OutletInfo, OutletKindInfo,
-    OutletKinds, OutletList, OutletMap, OutletTest,
+    BothLanguages, OutletChoice, OutletField, OutletFieldType, OutletInfo, OutletJoined,
+    OutletKindInfo, OutletKinds, OutletList, OutletMap, OutletTest,
 };
 use railbus_api::problem::{Problem, codes};
 use railbus_api::types::SCHEMA;
-use railbus_site::config::OUTLET_TYPE;
 use railbus_site::config::change::Keys;
+use railbus_site::config::{OUTLET_TYPE, is_slug};
 use railbus_store::history::{Event, EventKind, Severity};
 use railbus_words::Lang;
 use railbus_words::time::rfc3339;
@@ -68,6 +69,16 @@ pub(crate) const ROUTES: &[Route] = &[
             .takes::<SecretRequest>()
             .answers::<SecretState>(),
     ),
+    Route::new("POST", "/outlets/{kind}/{outlet}/join", Need::ADMIN, || {
+        post(join)
+    })
+    .doc(
+        Doc::new(
+            "Take up an invitation of the other side; adds the integration if it is not there",
+        )
+        .takes::<JoinRequest>()
+        .answers::<OutletJoined>(),
+    ),
     Route::new(
         "GET",
         "/outlets/{kind}/{outlet}/map",
@@ -95,6 +106,15 @@ pub(crate) const ROUTES: &[Route] = &[
 struct SecretRequest {
     #[schema(value_type = Option<String>)]
     secret: Option<Secret>,
+}
+
+/// An invitation, as it was handed over.
+#[derive(Deserialize, ToSchema)]
+#[schema(as = OutletJoinRequest)]
+#[serde(deny_unknown_fields)]
+struct JoinRequest {
+    #[schema(value_type = String)]
+    invitation: Secret,
 }
 
 /// Whether there is a secret now. The secret itself is never shown.
@@ -248,10 +268,8 @@ async fn change(Path((kind, outlet)): Path<(String, String)>, order: Order) -> A
         Ok(kind) => kind,
         Err(problem) => return answer::problem(&problem),
     };
-    let other = order.site.service.config().outlets.get(&outlet).cloned();
-    if kind.table == TABLE && other.is_some_and(|other| other.kind != kind.name) {
-        let taken = Problem::new(codes::ALREADY_THERE).with("kind", TABLE);
-        return answer::problem(&taken.with("name", outlet));
+    if let Err(problem) = not_of_another(&order.site, kind, &outlet) {
+        return answer::problem(&problem);
     }
     let change = |text: &str| {
         let mut settings = keys::<Keys>(&order)?;
@@ -265,6 +283,67 @@ async fn change(Path((kind, outlet)): Path<(String, String)>, order: Order) -> A
         edits::put(text, kind.table, &outlet, &settings)
     };
     edit(&order, change).await
+}
+
+/// Whether no outlet of another kind has this name.
+fn not_of_another(site: &Site, kind: &OutletKind, outlet: &str) -> Result<(), Problem> {
+    let config = site.service.config();
+    let other = config.outlets.get(outlet);
+    if kind.table == TABLE && other.is_some_and(|other| other.kind != kind.name) {
+        let taken = Problem::new(codes::ALREADY_THERE).with("kind", TABLE);
+        return Err(taken.with("name", outlet));
+    }
+    Ok(())
+}
+
+async fn join(Path((kind, outlet)): Path<(String, String)>, order: Order) -> Answer {
+    let end = async {
+        let kind = kind_of(&kind)?;
+        Ok((kind, joined(&order, kind, &outlet).await?))
+    };
+    let (kind, joined) = match end.await {
+        Ok(end) => end,
+        Err(problem) => return answer::problem(&problem),
+    };
+    let known = (kind.outlets)(kind, &order.site.service.config());
+    let known = known.into_iter().find(|(name, _)| *name == outlet);
+    let mut settings = known.map(|(_, settings)| settings).unwrap_or_default();
+    settings.extend(joined.settings);
+    settings.insert(OUTLET_TYPE.to_owned(), kind.name.into());
+    let edited = edit(&order, |text| {
+        edits::put(text, kind.table, &outlet, &settings)
+    });
+    let edited = edited.await;
+    if !edited.status().is_success() {
+        return edited;
+    }
+    let until = joined.until.and_then(|at| Timestamp::from_second(at).ok());
+    answer::json(Ok(OutletJoined {
+        schema: SCHEMA,
+        outlet,
+        called: joined.called,
+        until: until.map(rfc3339),
+    }))
+}
+
+/// Takes up the invitation in the body.
+async fn joined(order: &Order, kind: &'static OutletKind, outlet: &str) -> Result<Joined, Problem> {
+    let wrong = |reason: &str| Problem::new(codes::BAD_REQUEST).with("reason", reason);
+    let join = kind
+        .join
+        .ok_or_else(|| wrong("there are no invitations for this kind"))?;
+    // It is part of the names of files.
+    if !is_slug(outlet) {
+        return Err(wrong("a name has 1 to 32 of a-z, 0-9 and _"));
+    }
+    not_of_another(&order.site, kind, outlet)?;
+    let JoinRequest { invitation } = order.read_secret()?;
+    let invited = Invited {
+        name: outlet.to_owned(),
+        invitation,
+        folder: order.site.northbound.folder(),
+    };
+    join(invited).await
 }
 
 async fn remove(Path((kind, outlet)): Path<(String, String)>, order: Order) -> Answer {

@@ -369,6 +369,11 @@ impl Northbound {
         end.map_err(internal)
     }
 
+    /// The state folder.
+    pub(super) fn folder(&self) -> Arc<Path> {
+        Arc::clone(&self.folder)
+    }
+
     /// Stops them all. Those that do not stop in time are left alone.
     pub(crate) async fn close(&self) {
         self.input(Input::Close);

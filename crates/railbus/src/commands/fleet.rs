@@ -2,8 +2,10 @@
 
 mod commands;
 mod creds;
+mod enrol;
 mod get;
 mod init;
+mod join;
 mod ls;
 #[cfg(feature = "fleet")]
 mod revoke;
@@ -34,6 +36,8 @@ pub(crate) fn define(lang: Lang) -> Command {
         .subcommand_required(true)
         .subcommand_help_heading(lang.get(Text::Commands))
         .subcommand(init::define(lang))
+        .subcommand(enrol::define(lang))
+        .subcommand(join::define(lang))
         .subcommand(creds::define(lang));
     #[cfg(feature = "fleet")]
     let group = group
@@ -63,6 +67,8 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
     match verb {
         init::NAME => init::run(&context, matches),
+        enrol::NAME => enrol::run(&context, matches),
+        join::NAME => join::run(&context, matches),
         creds::NAME => creds::run(&context, matches),
         #[cfg(feature = "fleet")]
         revoke::NAME => revoke::run(&context, matches),

@@ -539,8 +539,11 @@ const fn key_of(error: SetupError) -> &'static str {
     }
 }
 
-/// Names are used in paths on the command line, in topics and in URLs.
-fn is_slug(name: &str) -> bool {
+/// Whether a line, a module or an integration may have this name: 1 to 32 of `a-z`, `0-9` and `_`.
+///
+/// Names are used in paths on the command line, in topics, in URLs and in names of files.
+#[must_use]
+pub fn is_slug(name: &str) -> bool {
     let slug = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
     (1..=32).contains(&name.len()) && name.chars().all(slug)
 }

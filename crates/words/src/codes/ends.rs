@@ -227,11 +227,12 @@ codes! {
     }
     FleetKeyEnds = "E0936" {
         title: ["the key of this site expires soon", "该站点的密钥即将过期"],
-        likely: ["it is valid for 90 days; after that the servers do not let the site in",
-            "密钥有效期 90 天；过期后服务器不再接纳该站点"],
-        next: ["make another one, and put it in the place of the old one: railbus fleet creds DIR \
-            SITE FILE",
-            "重新生成并替换旧文件：railbus fleet creds 文件夹 站点 文件"],
+        likely: ["the centre could not renew it: the centre or its keys are away · the file can't be \
+            replaced",
+            "中心未能续期：中心或其密钥不可用 · 凭据文件无法替换"],
+        next: ["run the centre with the folder hub/ of the fleet, or make another key: railbus fleet \
+            creds DIR SITE FILE",
+            "以站群的 hub/ 文件夹运行中心，或重新生成：railbus fleet creds 文件夹 站点 文件"],
     }
     NotRemote = "E0937" {
         title: ["this can't be done from the centre of a fleet", "此操作不能从站群中心进行"],
@@ -239,6 +240,13 @@ codes! {
             followed or changed",
             "从中心可以读取站点、操作其输出，不能持续跟踪或修改其他内容"],
         next: ["do it at the site", "在站点本地进行"],
+    }
+    NotInvited = "E0938" {
+        title: ["the invitation is not accepted", "邀请未被接受"],
+        likely: ["it was used already, has expired, was revoked, or is not whole",
+            "已被使用、已过期、已吊销或内容不完整"],
+        next: ["make another one: railbus fleet enrol DIR SITE FILE",
+            "重新生成：railbus fleet enrol 文件夹 站点 文件"],
     }
     Differs = "E1001" {
         title: ["differences were found", "发现差异"],

@@ -5,8 +5,8 @@
 use crate::centre::{Centre, CentreInput, CentreOutput, ONLINE, SitePresence, StoreEnd};
 use crate::dice::Dice;
 use crate::message::{SessionLease, UplinkValue};
-use crate::uplink::tests::{Site, identity_of};
-use crate::uplink::{UpMessage, Uplink, UplinkInput, UplinkOutput};
+use crate::uplink::tests::{Site, uplink_of};
+use crate::uplink::{UpMessage, UplinkInput, UplinkOutput};
 use prost::Message as _;
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -110,8 +110,7 @@ impl World {
     fn starts(&mut self, at: usize) {
         self.boots += 1;
         let machine = &mut self.machines[at];
-        let identity = identity_of([machine.installation; 16], [self.boots; 16]);
-        machine.site.uplink = Uplink::new(identity);
+        machine.site.uplink = uplink_of([machine.installation; 16], [self.boots; 16]);
         machine.listens = None;
         machine.site.now = machine.time(self.now);
         machine.site.stored();

@@ -1,9 +1,9 @@
 //! The way to the centre in virtual time, from a seed, with everything that can go wrong on it.
 
-use super::{Disk, Site, TAKEN_IN, identity};
+use super::{Disk, Site, TAKEN_IN, new_uplink, welcome};
 use crate::dice::Dice;
-use crate::message::{Beat, DataBatch, DataEntry, FleetRefusal, HelloAnswer, SiteState, Welcome};
-use crate::uplink::{MESSAGE_MAX, NoResend, Session, UpMessage, Uplink, UplinkInput, UplinkOutput};
+use crate::message::{Beat, DataBatch, DataEntry, FleetRefusal, HelloAnswer, SiteState};
+use crate::uplink::{MESSAGE_MAX, NoResend, Session, UpMessage, UplinkInput, UplinkOutput};
 use prost::Message as _;
 use railbus_store::outbox::{OutboxEntry, Piece};
 use std::collections::{BTreeMap, BTreeSet};
@@ -119,11 +119,10 @@ impl Play {
                 let name = format!("s{}", self.sessions);
                 let is_refused = self.happens(4);
                 self.session = (!is_refused).then(|| name.clone());
-                let answer = Some(match is_refused {
+                welcome(match is_refused {
                     true => HelloAnswer::Refusal(FleetRefusal::default()),
                     false => HelloAnswer::Session(name),
-                });
-                Welcome { answer }.encode_to_vec()
+                })
             }
             "data" => {
                 let batch = DataBatch::decode(&*message.payload).unwrap();
@@ -209,7 +208,7 @@ impl Play {
             }
             3 if !self.is_calm => {
                 // A restart: what is on the disk stays.
-                self.site.uplink = Uplink::new(identity());
+                self.site.uplink = new_uplink();
                 self.site.stored();
                 self.coming.clear();
                 self.session = None;

@@ -2,12 +2,12 @@
 
 use super::settings::FleetAccess;
 use crate::access::secret::{hex, random};
-use crate::nats::unreached;
+use crate::nats::{unreached, unusable};
 use crate::northbound::broker::trusting;
 use crate::northbound::outlet::Outlet;
 use async_nats::{Client, ConnectOptions, Event, ServerError, Subscriber};
 use railbus_api::problem::{Problem, codes};
-use railbus_fleet::{SiteClaims, read_site_creds};
+use railbus_fleet::{NodeAddress, SiteClaims, read_site_creds, site_token};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -15,7 +15,7 @@ use std::time::Duration;
 use tokio::sync::watch;
 
 /// A server that does not answer within this time is left.
-const CONNECT_MAX: Duration = Duration::from_secs(10);
+pub(super) const CONNECT_MAX: Duration = Duration::from_secs(10);
 /// How often it is asked whether a server is there; after three times without an answer it is not.
 const PING: Duration = Duration::from_secs(10);
 /// After a connection was lost, the next try comes at a random moment of this time, the first one
@@ -52,23 +52,19 @@ pub(super) struct Connection {
 ///
 /// # Errors
 /// There are none.
-fn credentials(path: &Path) -> Result<(SiteClaims, String), Problem> {
-    let unusable = |reason: &dyn ToString| {
-        Problem::new(codes::FLEET_FILE)
-            .with("path", path.display().to_string())
-            .with("reason", reason.to_string())
-    };
-    let text = std::fs::read_to_string(path).map_err(|error| unusable(&error))?;
-    let claims = read_site_creds(&text).map_err(|error| unusable(&error))?;
+pub(super) fn credentials(path: &Path) -> Result<(SiteClaims, String), Problem> {
+    let text = std::fs::read_to_string(path).map_err(|error| unusable(path, &error))?;
+    let claims = read_site_creds(&text).map_err(|error| unusable(path, &error))?;
     Ok((claims, text))
 }
 
 impl Connection {
-    /// Connects to one of the servers, with the files as they are now: credentials are renewed.
+    /// Connects to one of the servers, with the files as they are now: credentials are renewed. Also
+    /// what these say, and the signed claims in them.
     ///
     /// # Errors
     /// None of them can be reached, or they don't accept this site.
-    pub(super) async fn open(outlet: &Outlet) -> Result<(Connection, SiteClaims), Problem> {
+    pub(super) async fn open(outlet: &Outlet) -> Result<(Connection, SiteClaims, String), Problem> {
         let access = FleetAccess::of(&outlet.settings.borrow());
         let (claims, creds) = credentials(&access.credentials)?;
         let tls = trusting(access.ca.as_deref(), None, codes::FLEET_FILE)?;
@@ -107,11 +103,7 @@ impl Connection {
                 told.send_modify(|told| happened(told, event));
                 std::future::ready(())
             });
-        let servers: Vec<String> = access
-            .servers
-            .iter()
-            .map(|server| format!("tls://{server}"))
-            .collect();
+        let servers = servers_of(&access.servers);
         let client = options.connect(servers).await.map_err(unreached)?;
         is_open.store(true, Ordering::Relaxed);
         let nonce = random::<8>().map_err(|error| internal(&error))?;
@@ -124,8 +116,14 @@ impl Connection {
             inbox,
             answers,
         };
-        Ok((connection, claims))
+        let token = site_token(&creds).unwrap_or_default().to_owned();
+        Ok((connection, claims, token))
     }
+}
+
+/// Their addresses, as the client takes them.
+pub(super) fn servers_of(nodes: &[NodeAddress]) -> Vec<String> {
+    nodes.iter().map(|node| format!("tls://{node}")).collect()
 }
 
 fn happened(told: &mut LinkState, event: Event) {

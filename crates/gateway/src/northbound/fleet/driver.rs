@@ -1,10 +1,12 @@
 //! Drives the site's side of its way to the centre.
 
 use super::asked::{self, RunTime, refused};
-use super::connection::{Connection, LinkState, RECONNECT_MAX};
+use super::connection::{Connection, LinkState, RECONNECT_MAX, credentials};
+use super::join;
+use super::settings::FleetAccess;
 use crate::access::secret::random;
 use crate::clock::since_boot;
-use crate::nats::next;
+use crate::nats::{next, unusable};
 use crate::northbound::broker::session::Tries;
 use crate::northbound::outbox::{self, OutboxHandle, OutboxState, Reading, StateAt};
 use crate::northbound::outlet::Outlet;
@@ -18,7 +20,7 @@ use railbus_fleet::uplink::{
     NoResend, OutboxHead, READ_MAX, SiteIdentity, UpMessage, Uplink, UplinkFault, UplinkInput,
     UplinkOutput,
 };
-use railbus_fleet::{API_ANSWER_MAX, KEY_ENDS_SOON_S, SiteClaims};
+use railbus_fleet::{API_ANSWER_MAX, KEY_ENDS_SOON_S, SiteClaims, read_site_creds, renewed_creds};
 use railbus_store::durable;
 use railbus_store::history::millis;
 use std::io::ErrorKind;
@@ -87,12 +89,11 @@ pub(super) async fn run(outlet: Outlet) -> Result<(), Problem> {
         |error: &dyn ToString| Problem::new(codes::INTERNAL).with("reason", error.to_string());
     let days = outlet.number("replay_days");
     let installation = installation(&outlet)?;
+    let credentials = FleetAccess::of(&outlet.settings.borrow()).credentials;
+    join::forget_others(&outlet.folder, &outlet.name, &credentials);
     let boot = random().map_err(|error| internal(&error))?;
     let outbox = outbox::start_for_again(&outlet, days)?;
     let own = SiteIdentity {
-        // Known with its credentials.
-        site: String::new(),
-        key_expires_s: None,
         installation,
         boot,
         version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -153,8 +154,8 @@ impl Driver {
             };
             let problem = match opened {
                 Err(problem) => problem,
-                Ok((connection, claims)) => {
-                    self.set_claims(claims);
+                Ok((connection, claims, token)) => {
+                    self.set_claims(&claims, token);
                     let end = self.serve(connection, stopped.as_mut()).await;
                     self.asked = None;
                     self.handle(UplinkInput::Lost);
@@ -255,12 +256,31 @@ impl Driver {
     }
 
     /// What its credentials say.
-    fn set_claims(&mut self, claims: SiteClaims) {
+    fn set_claims(&mut self, claims: &SiteClaims, token: String) {
         let expires = claims.expires.and_then(|at| i64::try_from(at).ok());
-        self.uplink.set_site(claims.site, expires);
+        self.uplink.set_claims(claims, token);
         let now = millis(SystemTime::now()) / 1_000;
         let ends = expires.filter(|at| at.saturating_sub(now) < KEY_ENDS_SOON_S);
         self.key_ends = ends.map(|at| Problem::new(codes::FLEET_KEY_ENDS).with("reason", day(at)));
+    }
+
+    /// The centre issued these claims: they are put in the place of those in the file.
+    fn renewed(&mut self, token: String) {
+        let path = FleetAccess::of(&self.outlet.settings.borrow()).credentials;
+        let end = credentials(&path).and_then(|(_, text)| {
+            // Of another site or key: not asked for by this one.
+            let Ok(text) = renewed_creds(&text, &token) else {
+                return Ok(None);
+            };
+            let written = durable::replace(&path, text.as_bytes(), Some(0o600));
+            written.map_err(|error| unusable(&path, &error))?;
+            Ok(read_site_creds(&text).ok())
+        });
+        match end {
+            Ok(Some(claims)) => self.set_claims(&claims, token),
+            Ok(None) => {}
+            Err(problem) => self.outlet.report.noted(problem, 1),
+        }
     }
 
     fn connected(&mut self, connection: &Connection) {
@@ -439,6 +459,7 @@ impl Driver {
                     let counts = self.outlet.report.counts();
                     counts.sent.fetch_add(count, Relaxed);
                 }
+                UplinkOutput::Renewed(token) => self.renewed(token),
                 UplinkOutput::Works => {
                     self.failures = 0;
                     self.outlet.report.worked();
@@ -473,6 +494,8 @@ impl Driver {
             outbox::remove(&self.outlet.outbox_file());
             // What stays is removed by the next outlet of this kind.
             let _ = std::fs::remove_file(self.outlet.kept());
+            let credentials = FleetAccess::of(&self.outlet.settings.borrow()).credentials;
+            join::forget(&self.outlet.folder, &self.outlet.name, &credentials);
         }
     }
 }
@@ -545,11 +568,7 @@ fn problem(fault: UplinkFault, outbox: &Path) -> Problem {
 /// another number it would be another machine to the centre.
 fn installation(outlet: &Outlet) -> Result<[u8; INSTALLATION_LEN], Problem> {
     let path = outlet.kept();
-    let unusable = |reason: &dyn ToString| {
-        Problem::new(codes::FLEET_FILE)
-            .with("path", path.display().to_string())
-            .with("reason", reason.to_string())
-    };
+    let unusable = |reason: &dyn ToString| unusable(&path, reason);
     match std::fs::read(&path) {
         Ok(text) => return serde_json::from_slice(&text).map_err(|error| unusable(&error)),
         Err(error) if error.kind() == ErrorKind::NotFound => {}
@@ -570,7 +589,7 @@ fn day(at: i64) -> String {
 /// Connects once beside the run, and says which server it is.
 pub(super) async fn test(outlet: Outlet) -> Result<String, Problem> {
     let stopped = outlet.stopped();
-    let (connection, claims) = tokio::select! {
+    let (connection, claims, _) = tokio::select! {
         () = stopped => return Err(ended(&"stopped")),
         opened = Connection::open(&outlet) => opened?,
     };

@@ -2,12 +2,13 @@
 //! order, also those of an outage.
 //!
 //! - Its settings: `settings`. How servers are reached: `connection`. What drives it: `driver`.
-//!   What the centre asks: `asked`.
+//!   What the centre asks: `asked`. How it gets its key: `join`.
 //! - What is said and when is decided by [`railbus_fleet::uplink`], which has no I/O.
 
 mod asked;
 mod connection;
 mod driver;
+mod join;
 mod settings;
 
 use super::kind::{Field, OutletKind, Pair, Shape, WRITE};
@@ -16,6 +17,7 @@ use super::kind::{Field, OutletKind, Pair, Shape, WRITE};
 pub(super) static KIND: OutletKind = OutletKind {
     notes: NOTES,
     check: settings::check,
+    join: Some(|invited| Box::pin(join::join(invited))),
     ..OutletKind::new(
         "fleet",
         WORDS,

@@ -1,6 +1,7 @@
 //! `railbus fleet revoke`: the keys of a site are let in no longer.
 
-use super::{FleetText, site_keys};
+use super::FleetText;
+use super::site_keys::{self, NotedKey};
 use crate::args;
 use crate::commands::Context;
 use crate::texts::Text;
@@ -8,7 +9,7 @@ use clap::{Arg, ArgAction, ArgMatches, Command};
 use railbus_app::failure::Failure;
 use railbus_app::render::{Format, out, records};
 use railbus_fleet::revocation::{RevokedKey, is_site_key};
-use railbus_fleet::{SITE_DAYS, is_site_name};
+use railbus_fleet::{SITE_VALID_S, is_site_name};
 use railbus_gateway::hub;
 use railbus_words::{Code, Lang};
 use serde_json::json;
@@ -18,7 +19,7 @@ use std::path::{Path, PathBuf};
 pub(super) const NAME: &str = "revoke";
 
 /// A key that is not noted is valid for so long at most, in seconds.
-const UNNOTED_S: u64 = SITE_DAYS * 86_400;
+const UNNOTED_S: u64 = SITE_VALID_S;
 
 /// Its parser and help.
 pub(super) fn define(lang: Lang) -> Command {
@@ -51,10 +52,10 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
     let _alone = site_keys::alone(lang, &revoked_file)?;
     let mut keys = site_keys::revoked(lang, &revoked_file)?;
     let site = matches.get_one::<String>("SITE");
-    let new = match site {
-        Some(site) => new_keys(context, matches, &folder, site)?,
+    let (new, not_noted) = match site {
+        Some(site) => new_keys(context, matches, (&folder, site), &keys)?,
         // A server that was away, or that lost its claims, gets all of them.
-        None => Vec::new(),
+        None => (Vec::new(), None),
     };
     if let Some(site) = site {
         // Revoked once more, a key is not noted again.
@@ -73,7 +74,7 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
     };
     let text = match context.format {
         Format::Table => {
-            let of = site.map_or("", String::as_str);
+            let of = text_of(site);
             let values: &[(&str, &dyn std::fmt::Display)] = &[
                 ("count", &names.len()),
                 ("site", &of),
@@ -100,19 +101,35 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
         }
         return Err(failure.with_try(again));
     }
+    if let Some(failure) = not_noted {
+        let message = lang.get(FleetText::NotNoted).to_owned();
+        let again = format!(
+            "railbus fleet revoke {} {}",
+            folder.display(),
+            text_of(site)
+        );
+        return Err(Failure::new(Code::Partial, message)
+            .because(failure.message())
+            .with_try(again));
+    }
     if let Some(site) = site {
         context.note(&lang.fill(FleetText::NewKey, &[("site", site)]));
     }
     Ok(())
 }
 
-/// The keys of this site that are noted, and those that are named.
+fn text_of(site: Option<&String>) -> &str {
+    site.map_or("", String::as_str)
+}
+
+/// The keys of this site that are noted in the folder and by the centre, and those that are named;
+/// and why those of the centre are not known, where they are not.
 fn new_keys(
     context: &Context,
     matches: &ArgMatches,
-    folder: &Path,
-    site: &str,
-) -> Result<Vec<RevokedKey>, Failure> {
+    (folder, site): (&Path, &str),
+    revoked: &[RevokedKey],
+) -> Result<(Vec<RevokedKey>, Option<Failure>), Failure> {
     let lang = context.lang;
     if !is_site_name(site) {
         let message = lang.get(FleetText::BadName).to_owned();
@@ -128,7 +145,22 @@ fn new_keys(
         }
         keys.push((key.clone(), super::now().saturating_add(UNNOTED_S)));
     }
-    if keys.is_empty() {
+    let is_named = !keys.is_empty();
+    // The centre renews none of them from now on.
+    let issued = hub::revoke_issued(lang, folder, site, &keys);
+    let not_noted = match issued {
+        Ok(issued) => {
+            let issued = issued
+                .into_iter()
+                .map(|issued| (issued.key, issued.until_s));
+            keys = merged(keys, issued);
+            None
+        }
+        Err(failure) if keys.is_empty() => return Err(failure),
+        Err(failure) => Some(failure),
+    };
+    let is_revoked = |(key, _): &NotedKey| revoked.iter().any(|each| each.key == *key);
+    if !is_named && keys.iter().all(is_revoked) {
         let values: &[(&str, &dyn std::fmt::Display)] =
             &[("site", &site), ("file", &noted_file.display())];
         return Err(Failure::new(
@@ -140,5 +172,15 @@ fn new_keys(
     let revoked = keys
         .into_iter()
         .map(|(key, until)| RevokedKey { key, at: until });
-    Ok(revoked.collect())
+    Ok((revoked.collect(), not_noted))
+}
+
+/// Keys, each once, with the latest time until which it is valid.
+fn merged(keys: Vec<NotedKey>, others: impl Iterator<Item = NotedKey>) -> Vec<NotedKey> {
+    let mut all = std::collections::BTreeMap::new();
+    for (key, until) in keys.into_iter().chain(others) {
+        let latest = all.entry(key).or_insert(until);
+        *latest = until.max(*latest);
+    }
+    all.into_iter().collect()
 }

@@ -9,14 +9,16 @@ railbus_words::texts! {
     }
     Examples {
         en: "  railbus fleet init acme --nats nats1,nats2,nats3
-  railbus fleet creds acme plant7 plant7.creds
   railbus fleet serve acme
+  railbus fleet enrol acme plant7 plant7.invitation
+  railbus fleet join plant7.invitation
   railbus fleet get plant7 oven.k1
   railbus set -s plant7 oven.k1 on
   railbus fleet revoke acme plant7",
         zh: "  railbus fleet init acme --nats nats1,nats2,nats3
-  railbus fleet creds acme plant7 plant7.creds
   railbus fleet serve acme
+  railbus fleet enrol acme plant7 plant7.invitation
+  railbus fleet join plant7.invitation
   railbus fleet get plant7 oven.k1
   railbus set -s plant7 oven.k1 on
   railbus fleet revoke acme plant7",
@@ -77,6 +79,37 @@ railbus_words::texts! {
     CredsMade {
         en: "valid until {day}: replace it before; carry it to {site} by a way you trust",
         zh: "有效期至 {day}，请在此之前更换；请经可信途径送达 {site}",
+    }
+    Enrol {
+        en: "Make an invitation for a site, which railbus fleet join takes up there: the site makes its \
+            key, and the centre admits it. It counts once; the centre must be running then.",
+        zh: "为站点生成邀请（一次有效），在站点用 railbus fleet join 接受：密钥由站点自行生成。",
+    }
+    InvitationFile { en: "The new file; - for the output", zh: "新文件；- 表示输出到终端" }
+    Hours { en: "For how many hours it is valid [24]", zh: "有效小时数 [24]" }
+    NoServers { en: "it names no server", zh: "其中没有服务器" }
+    Enrolled {
+        en: "whoever takes it up first is {site}, within {hours} h: carry it there by a way you trust",
+        zh: "{hours} 小时内首先接受者即为 {site}：请经可信途径送达",
+    }
+    Join {
+        en: "Let this site join a fleet by an invitation. It needs the running daemon, which gets the \
+            integration; an invitation taken up again replaces the key of the integration.",
+        zh: "凭邀请加入站群：由运行中的守护进程添加集成，已存在时更换密钥。",
+    }
+    Invitation { en: "The invitation; - for the input", zh: "邀请文件；- 表示从输入读取" }
+    IntegrationName { en: "The name of the integration [fleet]", zh: "集成的名称 [fleet]" }
+    Joined {
+        en: "this site is {site} of the fleet now (integration {name})",
+        zh: "本站点现为站群中的 {site}（集成 {name}）",
+    }
+    JoinedNote {
+        en: "the centre may switch only what write in [outlet.{name}] allows, at first nothing",
+        zh: "中心只能操作 [outlet.{name}] 中 write 允许的输出，初始为空",
+    }
+    NotNoted {
+        en: "keys that the centre issued may still be accepted: its streams can't be used",
+        zh: "无法使用中心的数据流，中心签发的密钥可能仍被接受",
     }
     Revoke {
         en: "Revoke the keys of a site: servers end its connections at once. Needs the key in \

@@ -1,0 +1,200 @@
+//! Who gets a key, and who does not.
+
+use super::*;
+use crate::creds::{read_site_creds, site_token};
+use nkeys::KeyPair;
+
+const NOW: u64 = 1_800_000_000;
+const DAY: u64 = 86_400;
+
+/// A centre, with the document of each site as it would be stored.
+struct Hub {
+    signers: Signers,
+    document: Option<Vec<u8>>,
+}
+
+/// Somebody's credentials: his claims and his public key.
+struct Own {
+    token: String,
+    key: String,
+}
+
+fn own(signer: &SiteSigner, site: &str, now: u64) -> Own {
+    let creds = signer.creds(site, now, DAY).unwrap();
+    Own {
+        token: site_token(&creds).unwrap().to_owned(),
+        key: read_site_creds(&creds).unwrap().key,
+    }
+}
+
+fn new_key() -> String {
+    KeyPair::new_user().public_key()
+}
+
+impl Hub {
+    fn new() -> Hub {
+        let account = KeyPair::new_account().public_key();
+        let signer = || SiteSigner::new(&KeyPair::new_account().seed().unwrap(), &account);
+        Hub {
+            signers: Signers {
+                sites: signer().unwrap(),
+                invitations: signer().unwrap(),
+            },
+            document: None,
+        }
+    }
+
+    /// What comes of a request: what the claims say, or why there are none.
+    fn ask(
+        &mut self,
+        wish: KeyWish,
+        site: &str,
+        (token, key): (&str, &str),
+        now: u64,
+    ) -> Result<SiteClaims, String> {
+        let request = KeyRequest {
+            token: token.to_owned(),
+            key: key.to_owned(),
+        };
+        let request = request.encode_to_vec();
+        let granted = wanted(&self.signers, wish, site, &request, now)
+            .and_then(|wanted| wanted.grant(&self.signers, self.document.as_deref(), now));
+        let (document, answer) = granted.map_err(|refusal| refusal.reason)?;
+        self.document = Some(document);
+        let answer = KeyAnswer::decode(&*answer).unwrap();
+        let Some(KeyResult::Token(token)) = answer.end else {
+            panic!("{answer:?}");
+        };
+        Ok(self.signers.sites.verified(&token, now).unwrap())
+    }
+
+    fn join(&mut self, by: &Own, key: &str, now: u64) -> Result<SiteClaims, String> {
+        self.ask(KeyWish::Join, "plant7", (&by.token, key), now)
+    }
+
+    fn renew(&mut self, by: &Own, now: u64) -> Result<SiteClaims, String> {
+        self.ask(KeyWish::Renew, "plant7", (&by.token, ""), now)
+    }
+
+    fn invitation(&self, now: u64) -> Own {
+        own(&self.signers.invitations, "plant7", now)
+    }
+
+    fn revoke(&mut self, others: &[(String, u64)], now: u64) -> Vec<String> {
+        let (document, keys) = revoke_noted(self.document.as_deref(), others, now).unwrap();
+        self.document = Some(document);
+        keys.into_iter().map(|issued| issued.key).collect()
+    }
+}
+
+#[test]
+fn an_invitation_counts_once_and_for_the_key_that_came_first() {
+    let mut hub = Hub::new();
+    let (invitation, key) = (hub.invitation(NOW), new_key());
+    let claims = hub.join(&invitation, &key, NOW + 5).unwrap();
+    assert_eq!((&*claims.site, &claims.key), ("plant7", &key));
+    assert_eq!(claims.expires, Some(NOW + 5 + SITE_VALID_S));
+    // The answer was lost.
+    assert_eq!(hub.join(&invitation, &key, NOW + 9).unwrap().key, key);
+    let used = Err("it was used before".to_owned());
+    assert_eq!(hub.join(&invitation, &new_key(), NOW + 10), used);
+    // Also once the key it was used for was revoked.
+    let all = hub.revoke(&[], NOW + 11);
+    assert_eq!(all, std::slice::from_ref(&key));
+    let revoked = Err("the key was revoked".to_owned());
+    assert_eq!(hub.join(&invitation, &key, NOW + 12), revoked);
+    assert!(hub.join(&invitation, &new_key(), NOW + 12).is_err());
+}
+
+#[test]
+fn an_invitation_is_none_that_is_old_revoked_of_another_site_or_no_invitation() {
+    let mut hub = Hub::new();
+    let key = new_key();
+    let not_signed = Err("it was not signed by this centre".to_owned());
+    let invitation = hub.invitation(NOW);
+    assert_eq!(hub.join(&invitation, &key, NOW + DAY), not_signed);
+    let other = own(&hub.signers.invitations, "plant8", NOW);
+    assert_eq!(hub.join(&other, &key, NOW), not_signed);
+    // Of a site, or of another fleet.
+    let site = own(&hub.signers.sites, "plant7", NOW);
+    assert_eq!(hub.join(&site, &key, NOW), not_signed);
+    let foreign = Hub::new().invitation(NOW);
+    assert_eq!(hub.join(&foreign, &key, NOW), not_signed);
+    // One of before a revocation, which nobody had used.
+    hub.revoke(&[], NOW + 1);
+    let revoked = Err("the keys of this site were revoked since".to_owned());
+    assert_eq!(hub.join(&invitation, &key, NOW + 2), revoked);
+    let same_second = hub.invitation(NOW + 1);
+    assert_eq!(hub.join(&same_second, &key, NOW + 2), revoked);
+    let later = hub.invitation(NOW + 2);
+    assert!(hub.join(&later, &key, NOW + 2).is_ok());
+    // What is no key of a site.
+    for wrong in ["", "U", &KeyPair::new_account().public_key()] {
+        let invitation = hub.invitation(NOW + 3);
+        assert!(hub.join(&invitation, wrong, NOW + 3).is_err(), "{wrong}");
+    }
+}
+
+#[test]
+fn a_key_is_renewed_for_itself_only_and_not_once_it_was_revoked() {
+    let mut hub = Hub::new();
+    let made = own(&hub.signers.sites, "plant7", NOW);
+    let renewed = hub
+        .ask(KeyWish::Renew, "plant7", (&made.token, &new_key()), NOW + 7)
+        .unwrap();
+    assert_eq!(renewed.key, made.key);
+    assert_eq!(renewed.expires, Some(NOW + 7 + SITE_VALID_S));
+    // By what has expired, by an invitation, or by what another site has.
+    assert!(hub.renew(&made, NOW + DAY).is_err());
+    let invitation = hub.invitation(NOW);
+    assert!(hub.renew(&invitation, NOW).is_err());
+    let other = own(&hub.signers.sites, "plant8", NOW);
+    assert!(hub.renew(&other, NOW).is_err());
+    // One that was made by hand, and never renewed, is known to whoever revokes it.
+    let by_hand = own(&hub.signers.sites, "plant7", NOW);
+    let noted = [(by_hand.key.clone(), NOW + DAY)];
+    let mut all = hub.revoke(&noted, NOW + 8);
+    all.sort();
+    let mut expected = [made.key.clone(), by_hand.key.clone()];
+    expected.sort();
+    assert_eq!(all, expected);
+    let revoked = Err("the key was revoked".to_owned());
+    assert_eq!(hub.renew(&made, NOW + 9), revoked);
+    assert_eq!(hub.renew(&by_hand, NOW + 9), revoked);
+}
+
+#[test]
+fn the_document_of_a_site_does_not_grow_for_ever() {
+    let mut hub = Hub::new();
+    let issued = |at: usize| IssuedKey {
+        key: format!("U{at}"),
+        until_s: NOW + SITE_VALID_S,
+        ..IssuedKey::default()
+    };
+    let keys = (0..KEYS_MAX).map(issued).collect();
+    let full = SiteKeys { keys, revoked_s: 0 };
+    hub.document = Some(full.encode_to_vec());
+    let invitation = hub.invitation(NOW);
+    let full = Err("this site has too many keys".to_owned());
+    assert_eq!(hub.join(&invitation, &new_key(), NOW), full);
+    // Once they have expired there is room.
+    let later = NOW + SITE_VALID_S;
+    let invitation = hub.invitation(later);
+    hub.join(&invitation, &new_key(), later).unwrap();
+    let known = SiteKeys::decode(hub.document.as_deref().unwrap()).unwrap();
+    assert_eq!(known.keys.len(), 1);
+}
+
+#[test]
+fn what_cannot_be_read_is_refused_and_not_replaced() {
+    let mut hub = Hub::new();
+    hub.document = Some(vec![0xff]);
+    let invitation = hub.invitation(NOW);
+    let end = hub.join(&invitation, &new_key(), NOW).unwrap_err();
+    assert!(end.starts_with("the noted keys can't be read"), "{end}");
+    assert!(revoke_noted(hub.document.as_deref(), &[], NOW).is_err());
+    for payload in [&b"\xff"[..], &[0; REQUEST_MAX + 1]] {
+        let end = wanted(&hub.signers, KeyWish::Join, "plant7", payload, NOW);
+        assert_eq!(end.unwrap_err().code, NOT_INVITED);
+    }
+}
