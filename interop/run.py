@@ -104,6 +104,7 @@ def daemons(words):
     import faults_suite
     import fleet_command_suite
     import fleet_hub_suite
+    import fleet_join_suite
     import fleet_suite
     import fleet_uplink_suite
     import modbus_line_suite
@@ -123,7 +124,7 @@ def daemons(words):
                    modbus_security_suite, modbus_rtu_suite, modbus_line_suite, mqtt_suite,
                    mqtt_replay_suite, sparkplug_suite, sparkplug_host_suite, opcua_suite,
                    opcua_node_suite, one_truth_suite, fleet_suite, fleet_uplink_suite,
-                   fleet_hub_suite), words)
+                   fleet_hub_suite, fleet_join_suite), words)
 
 
 def alone(words):

@@ -719,6 +719,15 @@ two processes of the centre
 a centre without servers
 """
 
+FLEET_JOIN = """
+a site joins by an invitation
+what is no invitation is refused
+an invitation counts once
+an invited key may only ask
+a key is renewed
+what was issued can be revoked
+"""
+
 FLEET_COMMANDS = """
 a far output: {switched,over,a pulse,several,a group,a scene}
 a far output: the audit log of the site says who
@@ -780,6 +789,7 @@ TABLES = {
     "fleet": FLEET,
     "fleet, a site": FLEET_SITE,
     "fleet, the centre": FLEET_HUB,
+    "fleet, keys": FLEET_JOIN,
     "fleet, commands": FLEET_COMMANDS,
     "fleet, leaders": FLEET_LEADERS,
     "Modbus RTU slave": MODBUS_RTU_SLAVE,
