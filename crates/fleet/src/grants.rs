@@ -100,8 +100,8 @@ pub(crate) fn site() -> Value {
     })
 }
 
-/// What somebody invited may do: ask for the key of this site. Answers come to an inbox that is none
-/// of a site.
+/// What somebody invited may do: ask for the key of this site. Answers come to an inbox that is
+/// none of a site.
 pub(crate) fn invited() -> Value {
     json!({
         "pub": { "allow": [format!("rb.join.{SITE}")] },

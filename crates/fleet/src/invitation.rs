@@ -1,5 +1,5 @@
-//! What lets a site in once: where the servers are, whom to trust, and a key that can do nothing but
-//! ask for the key of this site.
+//! What lets a site in once: where the servers are, whom to trust, and a key that can do nothing
+//! but ask for the key of this site.
 
 use crate::creds::{CredsError, read_site_creds};
 use crate::founding::NodeAddress;

@@ -50,7 +50,7 @@ impl KeyWish {
 
 /// A request that may be granted, as far as the noted keys of its site allow it.
 #[derive(Debug)]
-pub struct Wanted {
+pub struct VerifiedRequest {
     site: String,
     key: String,
     wish: KeyWish,
@@ -97,7 +97,7 @@ pub fn wanted(
     site: &str,
     payload: &[u8],
     now: u64,
-) -> Result<Wanted, FleetRefusal> {
+) -> Result<VerifiedRequest, FleetRefusal> {
     let code = wish.refused();
     let signer = match wish {
         KeyWish::Join => &signers.invitations,
@@ -117,7 +117,7 @@ pub fn wanted(
     if !is_site_key(&key) {
         return Err(refusal(code, "this is no public key of a site"));
     }
-    Ok(Wanted {
+    Ok(VerifiedRequest {
         site: site.to_owned(),
         key,
         wish,
@@ -125,7 +125,7 @@ pub fn wanted(
     })
 }
 
-impl Wanted {
+impl VerifiedRequest {
     /// Grants it: notes the key in the document of its site, which has to be stored before the
     /// answer is sent.
     ///
@@ -183,9 +183,9 @@ impl Wanted {
     }
 }
 
-/// Notes in the document of a site that its keys are revoked, and these besides, each with the
-/// time until which it is valid, at this time in seconds since 1970. The document, and all keys that
-/// it has.
+/// Notes in the document of a site that its keys are revoked, and these besides, each with the time
+/// until which it is valid, at this time in seconds since 1970. The document, and all keys that it
+/// has.
 ///
 /// # Errors
 /// The document can't be read.

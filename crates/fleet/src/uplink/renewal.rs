@@ -17,8 +17,8 @@ pub(super) struct Renewal {
     token: String,
     /// Since when and until when they are valid, in seconds since 1970; none if for ever.
     valid: Option<(u64, u64)>,
-    /// The time of the centre, in milliseconds since 1970, at a time since the start. The clock of a
-    /// site may be years off.
+    /// The time of the centre, in milliseconds since 1970, at a time since the start. The clock of
+    /// a site may be years off.
     centre: Option<(i64, Duration)>,
     /// The number of the request that is not answered.
     asked: Option<u64>,
@@ -73,7 +73,8 @@ impl Renewal {
         self.asked == Some(number)
     }
 
-    /// The new claims in the answer, if there are any. Whether they are of this site is not checked.
+    /// The new claims in the answer, if there are any. Whether they are of this site is not
+    /// checked.
     pub(super) fn answer(&mut self, answer: Option<&[u8]>) -> Option<String> {
         self.asked = None;
         match KeyAnswer::decode(answer?).ok()?.end? {

@@ -17,24 +17,16 @@ pub(crate) fn uplink_of(installation: [u8; 16], boot: [u8; 16]) -> Uplink {
         boot,
         version: "1.0.0".to_owned(),
     });
-    uplink.set_claims(&claims(1_700_000_000, 1_800_000_000), "token".to_owned());
+    uplink.set_claims(
+        &renewal::claims(1_700_000_000, 1_800_000_000),
+        "token".to_owned(),
+    );
     uplink
 }
 
-fn claims(issued: u64, expires: u64) -> SiteClaims {
-    SiteClaims {
-        site: "plant7".to_owned(),
-        key: "U".to_owned(),
-        issued,
-        expires: Some(expires),
-        id: String::new(),
-    }
-}
-
-/// The answer to a request for a session, of a centre whose clock is that of [`Site::outputs`].
+/// The answer to a request for a session, of a centre with the clock of [`Site::outputs`].
 fn welcome(answer: HelloAnswer) -> Vec<u8> {
-    let answer = Some(answer);
-    let clock_ms = 1_700_000_000_000;
+    let (answer, clock_ms) = (Some(answer), 1_700_000_000_000);
     Welcome { answer, clock_ms }.encode_to_vec()
 }
 

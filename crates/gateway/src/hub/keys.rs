@@ -1,5 +1,6 @@
-//! Keys that the centre issues, and those that are revoked: each is noted in a document of its site.
-//! Of all centre processes one gets each request; the documents are changed by compare-and-set.
+//! Keys that the centre issues, and those that are revoked: each is noted in a document of its
+//! site. Of all centre processes one gets each request; the documents are changed by
+//! compare-and-set.
 
 use super::driver::{last_of, put};
 use super::link::HubFiles;

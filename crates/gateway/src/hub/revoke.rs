@@ -90,9 +90,9 @@ fn at_once<T>(lang: Lang, what: impl Future<Output = Result<T, Problem>>) -> Res
         .map_err(|problem| Failure::of_problem(lang, &problem))
 }
 
-/// Notes at the servers that the keys of this site are revoked, and these besides, each with the time
-/// until which it is valid: the centre renews them no more, and invitations of before count no more.
-/// All that the centre has issued.
+/// Notes at the servers that the keys of this site are revoked, and these besides, each with the
+/// time until which it is valid: the centre renews them no more, and invitations of before count no
+/// more. All that the centre has issued.
 ///
 /// # Errors
 /// Files can't be used, no server can be reached, or the streams can't be used.

@@ -227,11 +227,11 @@ codes! {
     }
     FleetKeyEnds = "E0936" {
         title: ["the key of this site expires soon", "该站点的密钥即将过期"],
-        likely: ["the centre could not renew it: the centre or its keys are away · the file can't be \
-            replaced",
+        likely: ["the centre could not renew it: the centre or its keys are away · the file can't \
+            be replaced",
             "中心未能续期：中心或其密钥不可用 · 凭据文件无法替换"],
-        next: ["run the centre with the folder hub/ of the fleet, or make another key: railbus fleet \
-            creds DIR SITE FILE",
+        next: ["run the centre with the folder hub/ of the fleet, or make another key: railbus \
+            fleet creds DIR SITE FILE",
             "以站群的 hub/ 文件夹运行中心，或重新生成：railbus fleet creds 文件夹 站点 文件"],
     }
     NotRemote = "E0937" {

@@ -8,6 +8,17 @@ const DAY: u64 = 86_400;
 const SITE_NOW: u64 = 1_700_000_000;
 const AGAIN: Duration = Duration::from_secs(60 * 60);
 
+/// What the credentials of the site say.
+pub(super) fn claims(issued: u64, expires: u64) -> SiteClaims {
+    SiteClaims {
+        site: "plant7".to_owned(),
+        key: "U".to_owned(),
+        issued,
+        expires: Some(expires),
+        id: String::new(),
+    }
+}
+
 /// With a session, of a centre with this clock, and a key of 90 days that is so old by then.
 fn site(clock_s: u64, age: u64) -> Site {
     let mut site = Site::new();

@@ -59,8 +59,8 @@ pub(super) fn credentials(path: &Path) -> Result<(SiteClaims, String), Problem> 
 }
 
 impl Connection {
-    /// Connects to one of the servers, with the files as they are now: credentials are renewed. Also
-    /// what these say, and the signed claims in them.
+    /// Connects to one of the servers, with the files as they are now: credentials are renewed.
+    /// Also what these say, and the signed claims in them.
     ///
     /// # Errors
     /// None of them can be reached, or they don't accept this site.

@@ -1,5 +1,5 @@
-//! A site joins a fleet by an invitation: it makes its key, which never leaves it, and is given claims
-//! for it by the centre.
+//! A site joins a fleet by an invitation: it makes its key, which never leaves it, and is given
+//! claims for it by the centre.
 
 use super::connection::{CONNECT_MAX, servers_of};
 use crate::access::secret::Secret;
@@ -128,7 +128,8 @@ pub(super) fn forget_others(folder: &Path, name: &str, credentials: &Path) {
     }
 }
 
-/// The outlet with these credentials is there no longer, nor are they needed, if they were made here.
+/// The outlet with these credentials is there no longer, nor are they needed, if they were made
+/// here.
 pub(super) fn forget(folder: &Path, name: &str, credentials: &Path) {
     let is_file = |file: &str| file.starts_with(&creds_prefix(name));
     let file = credentials.file_name().and_then(|file| file.to_str());

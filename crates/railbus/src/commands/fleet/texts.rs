@@ -81,20 +81,22 @@ railbus_words::texts! {
         zh: "有效期至 {day}，请在此之前更换；请经可信途径送达 {site}",
     }
     Enrol {
-        en: "Make an invitation for a site, which railbus fleet join takes up there: the site makes its \
-            key, and the centre admits it. It counts once; the centre must be running then.",
+        en: "Make an invitation for a site, which railbus fleet join takes up there: the site \
+            makes its key, and the centre admits it. It counts once; the centre must be running \
+            then.",
         zh: "为站点生成邀请（一次有效），在站点用 railbus fleet join 接受：密钥由站点自行生成。",
     }
     InvitationFile { en: "The new file; - for the output", zh: "新文件；- 表示输出到终端" }
     Hours { en: "For how many hours it is valid [24]", zh: "有效小时数 [24]" }
     NoServers { en: "it names no server", zh: "其中没有服务器" }
     Enrolled {
-        en: "whoever takes it up first is {site}, within {hours} h: carry it there by a way you trust",
+        en: "whoever takes it up first is {site}, within {hours} h: carry it there by a way you \
+            trust",
         zh: "{hours} 小时内首先接受者即为 {site}：请经可信途径送达",
     }
     Join {
-        en: "Let this site join a fleet by an invitation. It needs the running daemon, which gets the \
-            integration; an invitation taken up again replaces the key of the integration.",
+        en: "Let this site join a fleet by an invitation. It needs the running daemon, which gets \
+            the integration; where that is there, its key is replaced.",
         zh: "凭邀请加入站群：由运行中的守护进程添加集成，已存在时更换密钥。",
     }
     Invitation { en: "The invitation; - for the input", zh: "邀请文件；- 表示从输入读取" }
