@@ -86,14 +86,12 @@ def mirror():
 def debian(place, suite):
     """The least of this Debian that has a Python."""
     # What it mounts is gone with it, even if it is killed.
-    words = ["unshare", "--mount", "debootstrap", "--variant=minbase",
+    words = ["unshare", "--mount", "mmdebstrap", "--mode=root", "--variant=minbase",
              f"--include={','.join(DEBIAN)}", suite, place, mirror()]
     told = subprocess.run(words, check=False, capture_output=True, text=True,
                           env={**os.environ, "PATH": path()})
     if told.returncode:
-        sys.exit(f"debootstrap failed: {told.stdout[-2000:]}{told.stderr[-2000:]}")
-    for leftover in ("var/cache/apt/archives", "var/lib/apt/lists"):
-        shutil.rmtree(place / leftover)
+        sys.exit(f"mmdebstrap failed: {told.stdout[-2000:]}{told.stderr[-2000:]}")
     for file in SHARED:
         if pathlib.Path(file).is_file():
             inside = place / file.lstrip("/")

@@ -47,8 +47,8 @@ const DEBIAN: &[Packages] = &[
         needed: |root| !firmware::target_installed(root),
     },
     Packages {
-        names: &["debootstrap"], // the Debian that Home Assistant runs in
-        needed: can_debootstrap,
+        names: &["mmdebstrap"], // makes the Debian that Home Assistant runs in
+        needed: can_bootstrap,
     },
     Packages {
         names: &["lld"], // links the firmware
@@ -166,7 +166,7 @@ fn privileges(root: &Path) -> Option<Vec<&'static str>> {
 
 /// Whether we can make a Debian in a folder and start programs in there: root can, except in some
 /// containers.
-pub(crate) fn can_debootstrap(root: &Path) -> bool {
+pub(crate) fn can_bootstrap(root: &Path) -> bool {
     run::works(run::program(root, "unshare").args(["--mount", "true"]))
 }
 

@@ -71,7 +71,7 @@ impl Step {
 
 const FMT: Step = step("fmt", fmt);
 const TIDY: Step = step("tidy", |root| tidy::run(root, &[]));
-const CLIPPY: Step = step("clippy", |root| clippy(root, &[]));
+const CLIPPY: Step = step("clippy", clippy);
 
 /// The steps for every save: no port, no process, no page.
 const QUICK: &[Step] = &[
@@ -88,6 +88,8 @@ const STEPS: &[Step] = &[
     // Before anything else is built, so that the program has the pages inside.
     step("web", web::pages),
     step("deny", deny).unless(no_deny),
+    // Before the tests are built: they take over what it has built for the compiler itself.
+    CLIPPY,
     step("build", |root| {
         nextest(root, &[ALL, &["--no-run"]].concat())
     }),
@@ -107,16 +109,13 @@ const STEPS: &[Step] = &[
     with_peers("bench build", |root| BENCH.build(root))
         .unless(|root| BENCH.missing(root))
         .in_background(),
-    // In a folder of its own: cargo would keep the tests from theirs meanwhile.
-    step("clippy", |root| {
-        clippy(root, &["--target-dir", "target/clippy"])
-    })
-    .in_background(),
+    with_peers("api", |root| run::run(python(root).arg(API)))
+        .unless(|root| missing(root, API))
+        .in_background(),
     step("tests", |root| nextest(root, ALL)),
     with_peers("browser", web::test),
     // They judge by time, too: nothing else may use the machine.
     with_peers("interop", interop).unless(no_interop).alone(),
-    with_peers("api", |root| run::run(python(root).arg(API))).unless(|root| missing(root, API)),
     with_peers("homeassistant", |root| {
         run::run(python(root).arg(HOME_ASSISTANT))
     })
@@ -286,10 +285,10 @@ fn fmt(root: &Path) -> Result<()> {
     })
 }
 
-fn clippy(root: &Path, place: &[&str]) -> Result<()> {
+fn clippy(root: &Path) -> Result<()> {
     let denied = ["--", "-D", "warnings"];
     let mut main = cargo(root, &["clippy", "--workspace", "--all-targets"]);
-    apart(root).fold(run::run(main.args(place).args(denied)), |before, path| {
+    apart(root).fold(run::run(main.args(denied)), |before, path| {
         let mut other = cargo(root, &["clippy", "--manifest-path", path, "--all-targets"]);
         before.and(run::run(other.args(denied)))
     })
@@ -352,7 +351,7 @@ const HOME_ASSISTANT: &str = "interop/homeassistant/run.py";
 /// It runs in a Debian of its own.
 fn no_home_assistant(root: &Path) -> Option<String> {
     let no_root = || String::from("it needs root, for a Debian of its own");
-    let can = peers::can_debootstrap(root);
+    let can = peers::can_bootstrap(root);
     missing(root, HOME_ASSISTANT).or_else(|| (!can).then(no_root))
 }
 
