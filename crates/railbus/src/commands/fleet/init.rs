@@ -72,7 +72,7 @@ fn not_founded(lang: Lang, error: &FoundingError) -> String {
 
 /// Writes them into a folder beside, which then becomes the one of the fleet: whole or not at all,
 /// and never into one that has something in it.
-fn write(lang: Lang, folder: &Path, files: &[FoundedFile]) -> Result<(), Failure> {
+pub(super) fn write(lang: Lang, folder: &Path, files: &[FoundedFile]) -> Result<(), Failure> {
     let failed = |error: &dyn std::fmt::Display| super::unusable(lang, folder, error);
     if std::fs::read_dir(folder).is_ok_and(|mut found| found.next().is_some()) {
         return Err(failed(&lang.get(FleetText::NotEmpty)));

@@ -8,14 +8,16 @@ railbus_words::texts! {
         zh: "站群：多个站点通过自有 NATS 服务器接入同一中心。",
     }
     Examples {
-        en: "  railbus fleet init acme --nats nats1,nats2,nats3
+        en: "  railbus fleet demo
+  railbus fleet init acme --nats nats1,nats2,nats3
   railbus fleet serve acme
   railbus fleet enrol acme plant7 plant7.invitation
   railbus fleet join plant7.invitation
   railbus fleet get plant7 oven.k1
   railbus set -s plant7 oven.k1 on
   railbus fleet revoke acme plant7",
-        zh: "  railbus fleet init acme --nats nats1,nats2,nats3
+        zh: "  railbus fleet demo
+  railbus fleet init acme --nats nats1,nats2,nats3
   railbus fleet serve acme
   railbus fleet enrol acme plant7 plant7.invitation
   railbus fleet join plant7.invitation
@@ -80,6 +82,36 @@ railbus_words::texts! {
         en: "valid until {day}: replace it before; carry it to {site} by a way you trust",
         zh: "有效期至 {day}，请在此之前更换；请经可信途径送达 {site}",
     }
+    Demo {
+        en: "Run a whole fleet on this machine, to try it: a NATS server, the centre, and three \
+            simulated sites. Nothing of it is left afterwards.",
+        zh: "在本机运行完整的站群供试用：NATS 服务器、中心和三个仿真站点，停止后不留任何内容。",
+    }
+    ServerProgram {
+        en: "The program of the server [nats-server]",
+        zh: "服务器程序 [nats-server]",
+    }
+    DemoTitle { en: "a fleet of three simulated sites", zh: "三个仿真站点组成的站群" }
+    DemoSays {
+        en: "  server    {server}
+{sites}
+try in another terminal:
+  railbus fleet ls{socket}
+  railbus get -s plant2 oven{socket}
+  railbus set -s plant2 oven.k3 on{socket}
+  railbus fleet commands{socket}
+press Ctrl-C to stop",
+        zh: "  server    {server}
+{sites}
+可在另一终端尝试：
+  railbus fleet ls{socket}
+  railbus get -s plant2 oven{socket}
+  railbus set -s plant2 oven.k3 on{socket}
+  railbus fleet commands{socket}
+按 Ctrl-C 停止",
+    }
+    DemoLate { en: "the fleet does not stand after a minute", zh: "一分钟后站群仍未就绪" }
+    DemoEnded { en: "{name} has ended", zh: "{name} 已退出" }
     Enrol {
         en: "Make an invitation for a site, which railbus fleet join takes up there: the site \
             makes its key, and the centre admits it. It counts once; the centre must be running \
