@@ -35,7 +35,8 @@ struct Command {
 const COMMANDS: &[Command] = &[
     Command {
         name: "demo",
-        help: "build the product and show it at work; --qemu: the modules run our firmware",
+        help: "build the product and show it at work; --qemu: the modules run our firmware; \
+               --fleet: three sites and their centre",
         run: programs::demo,
     },
     Command {

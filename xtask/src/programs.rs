@@ -123,7 +123,8 @@ pub(crate) fn judge(root: &Path, args: &[String]) -> Result<()> {
     run::run(run::program(root, "python3").arg(JUDGE).args(args))
 }
 
-/// Runs the demo until it is stopped.
+/// Runs the demo until it is stopped: a site, or with `--fleet` as first argument several of them
+/// behind a centre.
 pub(crate) fn demo(root: &Path, args: &[String]) -> Result<()> {
     if let Some((first, rest)) = args.split_first()
         && first == "--qemu"
@@ -131,6 +132,16 @@ pub(crate) fn demo(root: &Path, args: &[String]) -> Result<()> {
         return crate::firmware::demo(root, rest);
     }
     crate::web::build_or_tell(root);
+    if let Some((first, rest)) = args.split_first()
+        && first == "--fleet"
+    {
+        let server = crate::peers::nats_server(root)?.display().to_string();
+        let mut words = ["fleet", "demo", "--nats-server", &server]
+            .map(str::to_owned)
+            .to_vec();
+        words.extend_from_slice(rest);
+        return run::run_attended(&mut DEMO.command(root, &words)?);
+    }
     run::run_attended(&mut DEMO.command(root, args)?)
 }
 

@@ -5,13 +5,14 @@
 //! pages tested at the same time do not collide.
 
 use crate::websocket::Client;
+use rustix::process::{Pid, Signal};
 use std::io::{BufRead, BufReader};
 use std::net::{Ipv4Addr, TcpListener};
 use std::os::unix::net::UnixStream;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Where the daemon of a page listens.
 const ADDRESS: &str = "127.0.0.1:7485";
@@ -22,6 +23,9 @@ const MODBUS_PORT: &str = "1502";
 /// Where the MQTT broker of a page listens.
 const MQTT_PORT: &str = "1883";
 const OPCUA_PORT: &str = "4840";
+/// How long the processes in the background have to end.
+const END_MAX: Duration = Duration::from_secs(20);
+
 /// Where the servers of a fleet listen.
 const FLEET_PORT: &str = "4222";
 
@@ -38,7 +42,15 @@ pub(crate) struct Shell {
 
 impl Drop for Shell {
     fn drop(&mut self) {
+        // As at a terminal: some have processes of their own to end.
+        for child in &self.background {
+            let _ = rustix::process::kill_process(Pid::from_child(child), Signal::TERM);
+        }
+        let deadline = Instant::now() + END_MAX;
         for child in &mut self.background {
+            while matches!(child.try_wait(), Ok(None)) && Instant::now() < deadline {
+                std::thread::sleep(Duration::from_millis(10));
+            }
             let _ = child.kill();
             let _ = child.wait();
         }

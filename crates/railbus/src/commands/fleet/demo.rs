@@ -1,5 +1,5 @@
-//! `railbus fleet demo`: a whole fleet on this machine: one server, the centre and simulated sites, as
-//! processes of their own, until it is stopped.
+//! `railbus fleet demo`: a whole fleet on this machine: one server, the centre and simulated sites,
+//! as processes of their own, until it is stopped.
 
 use super::{FleetText, enrol, init};
 use crate::args;
@@ -25,6 +25,8 @@ use std::process::Stdio;
 use std::time::Duration;
 use tokio::io::{AsyncBufReadExt as _, BufReader};
 use tokio::process::{Child, Command as Program};
+use tokio::signal::unix::{SignalKind, signal};
+use tokio::sync::watch;
 use tokio::task::JoinSet;
 use tokio::time::timeout;
 
@@ -62,6 +64,15 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
     let named = hub_socket(matches);
     context.block(async {
         let mut stop = Stop::new(context)?;
+        // When the terminal is closed: the servers would only read their files again.
+        let (closed, over) = watch::channel(false);
+        let mut hangup = signal(SignalKind::hangup())
+            .map_err(|error| Failure::of(context.lang, Code::System).because(error))?;
+        tokio::spawn(async move {
+            hangup.recv().await;
+            closed.send_replace(true);
+        });
+        stop.when(over);
         let folder = DemoFolder::make(context.lang)?;
         let mut fleet = DemoFleet {
             context,
