@@ -283,6 +283,10 @@ pub mod codes {
         /// Also `reason`.
         NOT_INVITED = "E0938", 403;
         /// Also `reason`.
+        NO_KEY = "E0939", 503;
+        /// Also `name`: the site of the invitation.
+        OTHER_FLEET = "E0940", 409;
+        /// Also `reason`.
         FLEET_NOT_STORED = "E0164", 503;
         /// Also `reason`.
         FLEET_ENDED = "E0165", 502;

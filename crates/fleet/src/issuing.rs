@@ -4,10 +4,10 @@
 //! A site's private key never leaves it: what is issued are claims for its public key. A key is
 //! renewed only for itself, so a thief can't make others with one that he has.
 
-use crate::SITE_VALID_S;
 use crate::creds::{CredsError, SiteClaims, SiteSigner};
 use crate::message::{FleetRefusal, IssuedKey, KeyAnswer, KeyRequest, KeyResult, SiteKeys};
 use crate::revocation::is_site_key;
+use crate::{DAY_S, SITE_VALID_S};
 use prost::Message as _;
 
 /// The most keys of a site that are noted. More are not issued until some have expired.
@@ -15,18 +15,26 @@ const KEYS_MAX: usize = 64;
 /// The longest request, in bytes.
 const REQUEST_MAX: usize = 4 << 10;
 
+/// How far the clock of the centre may be behind that of the machine that signed what it is shown,
+/// in seconds. A centre that is further behind would issue what has expired already.
+const BEHIND_MAX_S: u64 = 300;
+/// How long a key is noted after it has expired, in seconds: the clock of a centre may be wrong.
+const NOTED_AFTER_S: u64 = 30 * DAY_S;
+
 /// The code of what is refused to a site.
 const NOT_RENEWED: &str = "E0934";
 /// The code of what is refused to somebody invited.
 const NOT_INVITED: &str = "E0938";
+/// The code where the centre can't issue a key, whoever asks.
+const NONE_ISSUED: &str = "E0939";
 
 /// What the centre signs with.
 #[derive(Debug)]
 pub struct Signers {
     /// Keys of sites.
     pub sites: SiteSigner,
-    /// Invitations.
-    pub invitations: SiteSigner,
+    /// Invitations; none in a fleet that was founded without.
+    pub invitations: Option<SiteSigner>,
 }
 
 /// How somebody asks for a key.
@@ -65,13 +73,16 @@ fn refusal(code: &str, reason: &str) -> FleetRefusal {
     }
 }
 
-/// Why a key is not issued where the same site asked for one a moment ago.
+/// Why a key is not issued to who asks for it all the time.
 #[must_use]
-pub fn too_soon(wish: KeyWish) -> FleetRefusal {
-    refusal(
-        wish.refused(),
-        "it was asked for a moment ago: wait a second",
-    )
+pub fn too_often() -> FleetRefusal {
+    refusal(NONE_ISSUED, "it was asked for too often: wait ten seconds")
+}
+
+/// Why no key is issued by a centre that has none to sign with.
+#[must_use]
+pub fn not_signing() -> FleetRefusal {
+    refusal(NONE_ISSUED, "the centre has no key to sign with")
 }
 
 /// The answer that refuses.
@@ -100,7 +111,7 @@ pub fn wanted(
 ) -> Result<VerifiedRequest, FleetRefusal> {
     let code = wish.refused();
     let signer = match wish {
-        KeyWish::Join => &signers.invitations,
+        KeyWish::Join => signers.invitations.as_ref().ok_or_else(not_signing)?,
         KeyWish::Renew => &signers.sites,
     };
     let request = (payload.len() <= REQUEST_MAX).then(|| KeyRequest::decode(payload).ok());
@@ -109,7 +120,11 @@ pub fn wanted(
         .ok_or_else(|| refusal(code, "the request can't be read"))?;
     let claims = signer.verified(&request.token, now);
     let claims = claims.filter(|claims| claims.site == site);
-    let claims = claims.ok_or_else(|| refusal(code, "it was not signed by this centre"))?;
+    let unknown = "it has expired, or is not of this fleet and site";
+    let claims = claims.ok_or_else(|| refusal(code, unknown))?;
+    if claims.issued > now.saturating_add(BEHIND_MAX_S) {
+        return Err(refusal(NONE_ISSUED, "the clock of the centre is behind"));
+    }
     let key = match wish {
         KeyWish::Join => request.key,
         KeyWish::Renew => claims.key.clone(),
@@ -126,6 +141,15 @@ pub fn wanted(
 }
 
 impl VerifiedRequest {
+    /// What distinguishes who asks: the number of his invitation, or his key.
+    #[must_use]
+    pub fn asker(&self) -> &str {
+        match self.wish {
+            KeyWish::Join => &self.claims.id,
+            KeyWish::Renew => &self.key,
+        }
+    }
+
     /// Grants it: notes the key in the document of its site, which has to be stored before the
     /// answer is sent.
     ///
@@ -140,7 +164,7 @@ impl VerifiedRequest {
     ) -> Result<(Vec<u8>, Vec<u8>), FleetRefusal> {
         let code = self.wish.refused();
         let mut known = read(document).map_err(|reason| refusal(code, &reason))?;
-        known.keys.retain(|noted| noted.until_s > now);
+        forget_old(&mut known, now);
         let until_s = now.saturating_add(SITE_VALID_S);
         let noted = known.keys.iter_mut().find(|noted| noted.key == self.key);
         if noted.as_ref().is_some_and(|noted| noted.is_revoked) {
@@ -150,12 +174,12 @@ impl VerifiedRequest {
             KeyWish::Renew => String::new(),
             KeyWish::Join => self.claims.id.clone(),
         };
-        if self.wish == KeyWish::Join && self.claims.issued <= known.revoked_s {
+        if self.claims.issued <= known.revoked_s {
             return Err(refusal(code, "the keys of this site were revoked since"));
         }
         match noted {
             Some(noted) if self.wish == KeyWish::Renew || noted.invitation == invitation => {
-                noted.until_s = until_s;
+                noted.until_s = noted.until_s.max(until_s);
             }
             Some(_) => return Err(refusal(code, "the key is there already")),
             None => {
@@ -164,7 +188,7 @@ impl VerifiedRequest {
                     return Err(refusal(code, "it was used before"));
                 }
                 if known.keys.len() >= KEYS_MAX {
-                    return Err(refusal(code, "this site has too many keys"));
+                    return Err(refusal(NONE_ISSUED, "this site has too many keys"));
                 }
                 known.keys.push(IssuedKey {
                     key: self.key.clone(),
@@ -195,7 +219,7 @@ pub fn revoke_noted(
     now: u64,
 ) -> Result<(Vec<u8>, Vec<IssuedKey>), String> {
     let mut known = read(document)?;
-    known.keys.retain(|noted| noted.until_s > now);
+    forget_old(&mut known, now);
     for (key, until_s) in others.iter().filter(|(_, until)| *until > now) {
         if !known.keys.iter().any(|noted| noted.key == *key) {
             known.keys.push(IssuedKey {
@@ -206,11 +230,18 @@ pub fn revoke_noted(
             });
         }
     }
-    known.revoked_s = now;
+    // The clocks of those who revoke differ.
+    known.revoked_s = known.revoked_s.max(now);
     for noted in &mut known.keys {
         noted.is_revoked = true;
     }
     Ok((known.encode_to_vec(), known.keys))
+}
+
+/// Drops keys that have expired long ago.
+fn forget_old(known: &mut SiteKeys, now: u64) {
+    let is_noted = |noted: &IssuedKey| noted.until_s.saturating_add(NOTED_AFTER_S) > now;
+    known.keys.retain(is_noted);
 }
 
 fn read(document: Option<&[u8]>) -> Result<SiteKeys, String> {

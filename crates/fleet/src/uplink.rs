@@ -95,6 +95,8 @@ pub enum UplinkOutput {
     Delivered(Arc<str>, u64, u64),
     /// The centre issued these claims, signed, for the key of a site: probably this one.
     Renewed(String),
+    /// It issued none, for this reason, and is asked again.
+    NotRenewed(String),
     /// It works.
     Works,
     /// It does not, and is tried again after this time.
@@ -203,6 +205,13 @@ impl Uplink {
         self.site.clone_from(&claims.site);
         self.key_expires_s = claims.expires.and_then(|at| i64::try_from(at).ok());
         self.renewal.set_claims(claims, token);
+    }
+
+    /// For how many seconds its key is still valid, at this time since the start and of the wall
+    /// clock in milliseconds since 1970; none where it does not expire.
+    #[must_use]
+    pub fn key_left(&self, now: Duration, clock_ms: i64) -> Option<u64> {
+        self.renewal.left(now, clock_ms).map(|(left, _)| left)
     }
 
     /// Something happened, at this time since the start.
@@ -494,8 +503,10 @@ impl Uplink {
             return;
         }
         if self.renewal.is_asked(number) {
-            let token = self.renewal.answer(answer);
-            self.outputs.extend(token.map(UplinkOutput::Renewed));
+            self.outputs.push_back(match self.renewal.answer(answer) {
+                Ok(token) => UplinkOutput::Renewed(token),
+                Err(reason) => UplinkOutput::NotRenewed(reason),
+            });
             return;
         }
         if self.states_asked.contains(&number) {

@@ -38,7 +38,7 @@ impl Hub {
         Hub {
             signers: Signers {
                 sites: signer().unwrap(),
-                invitations: signer().unwrap(),
+                invitations: Some(signer().unwrap()),
             },
             document: None,
         }
@@ -76,8 +76,12 @@ impl Hub {
         self.ask(KeyWish::Renew, "plant7", (&by.token, ""), now)
     }
 
+    fn invitations(&self) -> &SiteSigner {
+        self.signers.invitations.as_ref().unwrap()
+    }
+
     fn invitation(&self, now: u64) -> Own {
-        own(&self.signers.invitations, "plant7", now)
+        own(self.invitations(), "plant7", now)
     }
 
     fn revoke(&mut self, others: &[(String, u64)], now: u64) -> Vec<String> {
@@ -110,10 +114,10 @@ fn an_invitation_counts_once_and_for_the_key_that_came_first() {
 fn an_invitation_is_none_that_is_old_revoked_of_another_site_or_no_invitation() {
     let mut hub = Hub::new();
     let key = new_key();
-    let not_signed = Err("it was not signed by this centre".to_owned());
+    let not_signed = Err("it has expired, or is not of this fleet and site".to_owned());
     let invitation = hub.invitation(NOW);
     assert_eq!(hub.join(&invitation, &key, NOW + DAY), not_signed);
-    let other = own(&hub.signers.invitations, "plant8", NOW);
+    let other = own(hub.invitations(), "plant8", NOW);
     assert_eq!(hub.join(&other, &key, NOW), not_signed);
     // Of a site, or of another fleet.
     let site = own(&hub.signers.sites, "plant7", NOW);
@@ -161,6 +165,40 @@ fn a_key_is_renewed_for_itself_only_and_not_once_it_was_revoked() {
     let revoked = Err("the key was revoked".to_owned());
     assert_eq!(hub.renew(&made, NOW + 9), revoked);
     assert_eq!(hub.renew(&by_hand, NOW + 9), revoked);
+    // Nor is one that nobody noted: it was signed before.
+    let elsewhere = own(&hub.signers.sites, "plant7", NOW + 8);
+    let since = Err("the keys of this site were revoked since".to_owned());
+    assert_eq!(hub.renew(&elsewhere, NOW + 9), since);
+    let later = own(&hub.signers.sites, "plant7", NOW + 9);
+    assert!(hub.renew(&later, NOW + 9).is_ok());
+}
+
+#[test]
+fn a_centre_whose_clock_is_wrong_does_no_harm() {
+    let mut hub = Hub::new();
+    let made = own(&hub.signers.sites, "plant7", NOW);
+    let behind = Err("the clock of the centre is behind".to_owned());
+    assert_eq!(hub.renew(&made, NOW - BEHIND_MAX_S - 1), behind);
+    assert!(hub.renew(&made, NOW - BEHIND_MAX_S).is_ok());
+    hub.renew(&made, NOW + 7).unwrap();
+    hub.renew(&made, NOW).unwrap();
+    let known = SiteKeys::decode(hub.document.as_deref().unwrap()).unwrap();
+    assert_eq!(known.keys[0].until_s, NOW + 7 + SITE_VALID_S);
+    // Revoked by one whose clock is right, then by one whose clock is behind.
+    hub.revoke(&[], NOW + 100);
+    hub.revoke(&[], NOW + 50);
+    let before = hub.invitation(NOW + 60);
+    assert!(hub.join(&before, &new_key(), NOW + 101).is_err());
+}
+
+#[test]
+fn a_fleet_without_invitations_renews_keys_all_the_same() {
+    let mut hub = Hub::new();
+    let (made, invitation) = (own(&hub.signers.sites, "plant7", NOW), hub.invitation(NOW));
+    hub.signers.invitations = None;
+    assert!(hub.renew(&made, NOW + 1).is_ok());
+    let none = Err("the centre has no key to sign with".to_owned());
+    assert_eq!(hub.join(&invitation, &new_key(), NOW + 1), none);
 }
 
 #[test]
@@ -177,8 +215,8 @@ fn the_document_of_a_site_does_not_grow_for_ever() {
     let invitation = hub.invitation(NOW);
     let full = Err("this site has too many keys".to_owned());
     assert_eq!(hub.join(&invitation, &new_key(), NOW), full);
-    // Once they have expired there is room.
-    let later = NOW + SITE_VALID_S;
+    // Long after they have expired there is room.
+    let later = NOW + SITE_VALID_S + NOTED_AFTER_S;
     let invitation = hub.invitation(later);
     hub.join(&invitation, &new_key(), later).unwrap();
     let known = SiteKeys::decode(hub.document.as_deref().unwrap()).unwrap();

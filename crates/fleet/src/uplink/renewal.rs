@@ -40,8 +40,9 @@ impl Renewal {
         self.centre = (centre_ms > 0).then_some((centre_ms, now));
     }
 
-    /// Whether it asks now.
-    pub(super) fn is_due(&self, now: Duration, clock_ms: i64) -> bool {
+    /// For how many seconds the key is still valid, and for how many it was issued, by the clock of
+    /// the centre, or of the site where that is not known; none where it does not expire.
+    pub(super) fn left(&self, now: Duration, clock_ms: i64) -> Option<(u64, u64)> {
         let time_ms = match self.centre {
             Some((then, at)) => {
                 let since = now.saturating_sub(at).as_millis();
@@ -50,11 +51,16 @@ impl Renewal {
             None => clock_ms,
         };
         let time = u64::try_from(time_ms / 1_000).unwrap_or_default();
-        let is_old = |(issued, expires): (u64, u64)| {
-            let left = expires.saturating_sub(time);
-            left.saturating_mul(LAST_PART) < expires.saturating_sub(issued)
+        let left = |(issued, expires): (u64, u64)| {
+            (expires.saturating_sub(time), expires.saturating_sub(issued))
         };
-        self.next <= now && self.valid.is_some_and(is_old)
+        self.valid.map(left)
+    }
+
+    /// Whether it asks now.
+    pub(super) fn is_due(&self, now: Duration, clock_ms: i64) -> bool {
+        let is_old = |(left, of): (u64, u64)| left.saturating_mul(LAST_PART) < of;
+        self.next <= now && self.left(now, clock_ms).is_some_and(is_old)
     }
 
     /// It asks, by this number; what it says.
@@ -73,13 +79,16 @@ impl Renewal {
         self.asked == Some(number)
     }
 
-    /// The new claims in the answer, if there are any. Whether they are of this site is not
+    /// The new claims in the answer, or why there are none. Whether they are of this site is not
     /// checked.
-    pub(super) fn answer(&mut self, answer: Option<&[u8]>) -> Option<String> {
+    pub(super) fn answer(&mut self, answer: Option<&[u8]>) -> Result<String, String> {
         self.asked = None;
-        match KeyAnswer::decode(answer?).ok()?.end? {
-            KeyResult::Token(token) => Some(token),
-            KeyResult::Refusal(_) => None,
+        let answer = answer.ok_or("no answer")?;
+        let answer = KeyAnswer::decode(answer).map_err(|error| error.to_string())?;
+        match answer.end {
+            Some(KeyResult::Token(token)) => Ok(token),
+            Some(KeyResult::Refusal(refusal)) => Err(refusal.reason),
+            None => Err("the answer can't be read".to_owned()),
         }
     }
 }

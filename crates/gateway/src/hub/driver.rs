@@ -256,12 +256,13 @@ impl Driver {
             }
         }
         let (link, keys) = opened.subscribe(&self.files).await?;
-        if let Err(problem) = keys {
-            self.failed(problem);
-        }
         self.handle(CentreInput::Connected);
         self.note(LedgerInput::Connected);
         self.error = None;
+        if let Err(problem) = keys {
+            // It lasts as long as the connection.
+            self.failed(problem);
+        }
         self.has_read = true;
         self.checked_at = since_boot();
         let server = link.server();

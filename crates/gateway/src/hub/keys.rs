@@ -6,14 +6,15 @@ use super::driver::{last_of, put};
 use super::link::HubFiles;
 use crate::nats::{next, unusable};
 use async_nats::jetstream::{self, Context};
-use async_nats::{Client, Message, Subscriber};
+use async_nats::{Client, Subscriber};
 use railbus_api::problem::{Problem, codes};
 use railbus_fleet::SiteSigner;
 use railbus_fleet::centre::StoreEnd;
 use railbus_fleet::issuing::{
-    KeyWish, Signers, keys_subject, refused, revoke_noted, too_soon, wanted,
+    KeyWish, Signers, VerifiedRequest, keys_subject, not_signing, refused, revoke_noted, too_often,
+    wanted,
 };
-use railbus_fleet::message::{FleetRefusal, IssuedKey};
+use railbus_fleet::message::IssuedKey;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::{Duration, SystemTime};
@@ -22,10 +23,9 @@ use tokio::time::Instant;
 
 /// How often a document is read again that another one changed meanwhile.
 const TRIES: usize = 5;
-/// A site that asks again within this time is refused.
-const PACE: Duration = Duration::from_secs(1);
-/// How long to wait for the end of a second at a time.
-const MOMENT: Duration = Duration::from_millis(100);
+/// Whoever asks more often than so within this time is refused.
+const PACE: Duration = Duration::from_secs(10);
+const PACE_MAX: u32 = 10;
 /// The stream of the documents.
 const STREAM: &str = "FLEET";
 
@@ -56,9 +56,12 @@ fn signers(files: &HubFiles) -> Result<Signers, Problem> {
         let signer = SiteSigner::new(&text(path)?, &account);
         signer.map_err(|error| unusable(path, &error))
     };
+    // A fleet that was founded before has none for invitations.
+    let invitations = files.join_signing.exists();
+    let invitations = invitations.then(|| signer(&files.join_signing));
     Ok(Signers {
         sites: signer(&files.site_signing)?,
-        invitations: signer(&files.join_signing)?,
+        invitations: invitations.transpose()?,
     })
 }
 
@@ -91,7 +94,7 @@ async fn serve(
     streams: Context,
     mut requests: KeyRequests,
 ) {
-    let mut answered = BTreeMap::new();
+    let mut asked = BTreeMap::new();
     loop {
         let (wish, message) = tokio::select! {
             message = next(&mut requests.joins) => (KeyWish::Join, message),
@@ -105,14 +108,18 @@ async fn serve(
         };
         // `rb.join.SITE` and `rb.up.SITE.renew`.
         let site = message.subject.split('.').nth(2).unwrap_or_default();
-        let is_early = is_too_early(&mut answered, (wish, site), Instant::now());
-        let answer = match &signers {
-            _ if is_early => Some(refused(too_soon(wish))),
-            Some(signers) => issue(signers, &streams, (wish, site), &message).await,
-            None => Some(refused(FleetRefusal {
-                code: codes::FLEET_FILE.code.to_owned(),
-                reason: "the centre has no key to sign with".to_owned(),
-            })),
+        let signing = signers.as_ref().ok_or_else(not_signing);
+        let verified = signing.and_then(|signers| {
+            let verified = wanted(signers, wish, site, &message.payload, now_s())?;
+            // Only of whoever may ask: nobody else can use up his turns.
+            match is_too_often(&mut asked, verified.asker(), Instant::now()) {
+                true => Err(too_often()),
+                false => Ok((signers, verified)),
+            }
+        });
+        let answer = match verified {
+            Ok((signers, verified)) => issue(signers, &streams, site, &verified).await,
+            Err(refusal) => Some(refused(refusal)),
         };
         if let Some(answer) = answer {
             // Fails if the connection has ended: it is asked for again.
@@ -121,32 +128,21 @@ async fn serve(
     }
 }
 
-/// Whether this site was answered the same a moment ago: no site takes all the time.
-fn is_too_early(
-    answered: &mut BTreeMap<(bool, String), Instant>,
-    (wish, site): (KeyWish, &str),
-    now: Instant,
-) -> bool {
-    answered.retain(|_, at| now.saturating_duration_since(*at) < PACE);
-    let name = (wish == KeyWish::Join, site.to_owned());
-    if answered.contains_key(&name) {
-        return true;
-    }
-    answered.insert(name, now);
-    false
+/// Whether somebody asks so often that others would have to wait.
+fn is_too_often(asked: &mut BTreeMap<String, (Instant, u32)>, asker: &str, now: Instant) -> bool {
+    asked.retain(|_, (since, _)| now.saturating_duration_since(*since) < PACE);
+    let (_, count) = asked.entry(asker.to_owned()).or_insert((now, 0));
+    *count = count.saturating_add(1);
+    *count > PACE_MAX
 }
 
 /// The answer to a request; none if it could not be decided: it is repeated then.
 async fn issue(
     signers: &Signers,
     streams: &Context,
-    (wish, site): (KeyWish, &str),
-    message: &Message,
+    site: &str,
+    wanted: &VerifiedRequest,
 ) -> Option<Vec<u8>> {
-    let wanted = match wanted(signers, wish, site, &message.payload, now_s()) {
-        Ok(wanted) => wanted,
-        Err(refusal) => return Some(refused(refusal)),
-    };
     let subject = keys_subject(site);
     for _ in 0..TRIES {
         let (document, revision) = last_of(streams, STREAM, &subject).await?.unzip();
@@ -167,8 +163,7 @@ async fn issue(
 }
 
 /// Notes that all keys of a site are revoked, and these besides, each with the time until which it
-/// is valid. All that are noted. Returns once an invitation that is made counts again: those of the
-/// second of the revocation do not.
+/// is valid. All that are noted.
 ///
 /// # Errors
 /// The document can't be read or stored.
@@ -186,17 +181,11 @@ pub(super) async fn revoke(
         let found = last_of(&streams, STREAM, &subject).await;
         let found = found.ok_or_else(|| failed(&"the stream can't be read"))?;
         let (document, revision) = found.unzip();
-        let now = now_s();
-        let noted = revoke_noted(document.as_deref(), others, now);
+        let noted = revoke_noted(document.as_deref(), others, now_s());
         let (document, keys) = noted.map_err(|reason| failed(&reason))?;
         let revision = revision.unwrap_or_default();
         match put(&streams, subject.clone(), document, revision).await {
-            (StoreEnd::Stored(_), _) => {
-                while now_s() <= now {
-                    tokio::time::sleep(MOMENT).await;
-                }
-                return Ok(keys);
-            }
+            (StoreEnd::Stored(_), _) => return Ok(keys),
             (StoreEnd::Conflict, _) => {}
             (StoreEnd::Unknown, problem) => {
                 return Err(problem.unwrap_or_else(|| failed(&"not stored")));
@@ -211,15 +200,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn one_site_does_not_take_the_time_of_others() {
-        let (mut answered, now) = (BTreeMap::new(), Instant::now());
-        let mut early = |site, wish, after| is_too_early(&mut answered, (wish, site), now + after);
-        let half = PACE / 2;
-        assert!(!early("a", KeyWish::Renew, Duration::ZERO));
-        assert!(early("a", KeyWish::Renew, half));
-        assert!(!early("b", KeyWish::Renew, half));
-        assert!(!early("a", KeyWish::Join, half));
-        // What was refused for that does not count.
-        assert!(!early("a", KeyWish::Renew, PACE));
+    fn who_asks_all_the_time_is_refused_and_nobody_else() {
+        let (mut asked, now) = (BTreeMap::new(), Instant::now());
+        let mut often = |asker, after| is_too_often(&mut asked, asker, now + after);
+        for _ in 0..PACE_MAX {
+            assert!(!often("a", Duration::ZERO));
+        }
+        assert!(often("a", PACE / 2));
+        assert!(!often("b", PACE / 2));
+        assert!(!often("a", PACE));
     }
 }

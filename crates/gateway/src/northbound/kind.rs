@@ -19,7 +19,7 @@ pub(crate) type Pair = [&'static str; 2];
 /// The work of an outlet, on its own thread.
 pub(crate) type Work<T> = Pin<Box<dyn Future<Output = T>>>;
 
-/// Takes up an invitation, on the threads of the daemon.
+/// Accepts an invitation, on the threads of the daemon.
 pub(crate) type Join = fn(Invited) -> Pin<Box<dyn Future<Output = Result<Joined, Problem>> + Send>>;
 
 /// An invitation for the outlet of this name, which may not be there yet.
@@ -28,6 +28,8 @@ pub(crate) struct Invited {
     pub(crate) name: String,
     /// What was handed over.
     pub(crate) invitation: Secret,
+    /// The settings of the outlet, if it is there.
+    pub(crate) settings: Option<Keys>,
     /// The state folder.
     pub(crate) folder: Arc<Path>,
 }
@@ -78,7 +80,7 @@ pub(crate) struct OutletKind {
     pub(crate) run: fn(Outlet, Events) -> Work<Result<(), Problem>>,
     /// Tries once whether it works, and says what the other side answered.
     pub(crate) test: fn(Outlet) -> Work<Result<String, Problem>>,
-    /// Takes up an invitation of the other side; none where there are none.
+    /// Accepts an invitation of the other side; none where there are none.
     pub(crate) join: Option<Join>,
     /// Where each point stands at the other side; none where that is not fixed.
     pub(crate) map: Option<AddressMap>,

@@ -24,6 +24,7 @@ use railbus_api::outlets::{
 };
 use railbus_api::problem::{Problem, codes};
 use railbus_api::types::SCHEMA;
+use railbus_site::Config;
 use railbus_site::config::change::Keys;
 use railbus_site::config::{OUTLET_TYPE, is_slug};
 use railbus_store::history::{Event, EventKind, Severity};
@@ -73,11 +74,9 @@ pub(crate) const ROUTES: &[Route] = &[
         post(join)
     })
     .doc(
-        Doc::new(
-            "Take up an invitation of the other side; adds the integration if it is not there",
-        )
-        .takes::<JoinRequest>()
-        .answers::<OutletJoined>(),
+        Doc::new("Accept an invitation of the other side; adds the integration if it is not there")
+            .takes::<JoinRequest>()
+            .answers::<OutletJoined>(),
     ),
     Route::new(
         "GET",
@@ -268,7 +267,7 @@ async fn change(Path((kind, outlet)): Path<(String, String)>, order: Order) -> A
         Ok(kind) => kind,
         Err(problem) => return answer::problem(&problem),
     };
-    if let Err(problem) = not_of_another(&order.site, kind, &outlet) {
+    if let Err(problem) = not_of_another(&order.site.service.config(), kind, &outlet) {
         return answer::problem(&problem);
     }
     let change = |text: &str| {
@@ -286,8 +285,7 @@ async fn change(Path((kind, outlet)): Path<(String, String)>, order: Order) -> A
 }
 
 /// Whether no outlet of another kind has this name.
-fn not_of_another(site: &Site, kind: &OutletKind, outlet: &str) -> Result<(), Problem> {
-    let config = site.service.config();
+fn not_of_another(config: &Config, kind: &OutletKind, outlet: &str) -> Result<(), Problem> {
     let other = config.outlets.get(outlet);
     if kind.table == TABLE && other.is_some_and(|other| other.kind != kind.name) {
         let taken = Problem::new(codes::ALREADY_THERE).with("kind", TABLE);
@@ -297,6 +295,9 @@ fn not_of_another(site: &Site, kind: &OutletKind, outlet: &str) -> Result<(), Pr
 }
 
 async fn join(Path((kind, outlet)): Path<(String, String)>, order: Order) -> Answer {
+    // One at a time: two could not both have the outlet.
+    let joins = Arc::clone(&order.site.northbound.joins);
+    let _turn = joins.lock().await;
     let end = async {
         let kind = kind_of(&kind)?;
         Ok((kind, joined(&order, kind, &outlet).await?))
@@ -305,12 +306,14 @@ async fn join(Path((kind, outlet)): Path<(String, String)>, order: Order) -> Ans
         Ok(end) => end,
         Err(problem) => return answer::problem(&problem),
     };
-    let known = (kind.outlets)(kind, &order.site.service.config());
-    let known = known.into_iter().find(|(name, _)| *name == outlet);
-    let mut settings = known.map(|(_, settings)| settings).unwrap_or_default();
-    settings.extend(joined.settings);
-    settings.insert(OUTLET_TYPE.to_owned(), kind.name.into());
     let edited = edit(&order, |text| {
+        // As it is now: somebody may have changed it meanwhile.
+        let config = Config::parse(text).unwrap_or_default();
+        not_of_another(&config, kind, &outlet)?;
+        let mut settings = settings_of(&config, kind, &outlet).unwrap_or_default();
+        settings.extend(joined.settings.clone());
+        settings.insert(OUTLET_TYPE.to_owned(), kind.name.into());
+        settings.remove(ENABLED);
         edits::put(text, kind.table, &outlet, &settings)
     });
     let edited = edited.await;
@@ -326,7 +329,7 @@ async fn join(Path((kind, outlet)): Path<(String, String)>, order: Order) -> Ans
     }))
 }
 
-/// Takes up the invitation in the body.
+/// Accepts the invitation in the body.
 async fn joined(order: &Order, kind: &'static OutletKind, outlet: &str) -> Result<Joined, Problem> {
     let wrong = |reason: &str| Problem::new(codes::BAD_REQUEST).with("reason", reason);
     let join = kind
@@ -336,14 +339,23 @@ async fn joined(order: &Order, kind: &'static OutletKind, outlet: &str) -> Resul
     if !is_slug(outlet) {
         return Err(wrong("a name has 1 to 32 of a-z, 0-9 and _"));
     }
-    not_of_another(&order.site, kind, outlet)?;
+    let config = order.site.service.config();
+    not_of_another(&config, kind, outlet)?;
     let JoinRequest { invitation } = order.read_secret()?;
     let invited = Invited {
         name: outlet.to_owned(),
         invitation,
+        settings: settings_of(&config, kind, outlet),
         folder: order.site.northbound.folder(),
     };
     join(invited).await
+}
+
+/// The settings of an outlet; none if there is none of this kind and name.
+fn settings_of(config: &Config, kind: &OutletKind, outlet: &str) -> Option<Keys> {
+    let all = (kind.outlets)(kind, config).into_iter();
+    let mut own = all.filter(|(name, _)| name == outlet);
+    own.next().map(|(_, settings)| settings)
 }
 
 async fn remove(Path((kind, outlet)): Path<(String, String)>, order: Order) -> Answer {

@@ -49,6 +49,8 @@ pub(crate) struct Northbound {
     /// There is an input, or a run has ended.
     pub(super) news: Notify,
     tests: Arc<Semaphore>,
+    /// Held while an invitation is accepted.
+    pub(super) joins: Arc<tokio::sync::Mutex<()>>,
 }
 
 struct State {
@@ -115,6 +117,7 @@ impl Northbound {
             }),
             news: Notify::new(),
             tests: Arc::new(Semaphore::new(TESTS_MAX)),
+            joins: Arc::default(),
         });
         northbound.configure();
         northbound

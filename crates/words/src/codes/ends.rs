@@ -215,8 +215,8 @@ codes! {
         title: ["the servers of the fleet do not accept this site", "站群服务器不接受该站点"],
         likely: ["its credentials have expired or were revoked · they are of another fleet",
             "凭据已过期或被吊销 · 凭据属于其他站群"],
-        next: ["make new ones: railbus fleet creds DIR SITE FILE",
-            "重新生成：railbus fleet creds 文件夹 站点 文件"],
+        next: ["make an invitation, and accept it here: railbus fleet enrol DIR SITE FILE",
+            "生成邀请并在此接受：railbus fleet enrol 文件夹 站点 文件"],
     }
     FleetTaken = "E0935" {
         title: ["the centre of the fleet does not give this site a session", "站群中心未给该站点会话"],
@@ -247,6 +247,21 @@ codes! {
             "已被使用、已过期、已吊销或内容不完整"],
         next: ["make another one: railbus fleet enrol DIR SITE FILE",
             "重新生成：railbus fleet enrol 文件夹 站点 文件"],
+    }
+    NoKey = "E0939" {
+        title: ["the centre of the fleet issued no key", "站群中心未签发密钥"],
+        likely: ["it lacks files of the folder hub/ · its clock is wrong · the site has too many \
+            keys",
+            "中心缺少 hub/ 中的文件 · 中心时钟有误 · 站点密钥过多"],
+        next: ["see the log of the centre, then try again: what was made for it is kept",
+            "查看中心日志后重试：已生成的内容会保留"],
+    }
+    OtherFleet = "E0940" {
+        title: ["the integration is of another fleet or site", "该集成属于其他站群或站点"],
+        likely: ["the invitation is of another one · its files can't be read",
+            "邀请属于其他站群或站点 · 其文件无法读取"],
+        next: ["add another integration, railbus fleet join --name NAME, or remove this one first",
+            "用 railbus fleet join --name 名称 添加另一集成，或先删除该集成"],
     }
     Differs = "E1001" {
         title: ["differences were found", "发现差异"],

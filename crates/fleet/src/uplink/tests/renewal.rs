@@ -70,9 +70,14 @@ fn it_asks_again_every_hour_until_it_has_other_claims() {
     };
     assert_eq!(again(&mut site, AGAIN - BEAT), None);
     let number = again(&mut site, BEAT).unwrap();
-    let refusal = FleetRefusal::default();
+    let refusal = FleetRefusal {
+        code: "E0939".to_owned(),
+        reason: "not now".to_owned(),
+    };
     let end = Some(KeyResult::Refusal(refusal));
     site.answer(number, &KeyAnswer { end }.encode_to_vec());
+    let told = UplinkOutput::NotRenewed("not now".to_owned());
+    assert!(site.outputs().contains(&told));
     assert_eq!(again(&mut site, BEAT), None);
     let number = again(&mut site, AGAIN).unwrap();
     // An answer to another request is none.

@@ -2,7 +2,7 @@
 
 use super::asked::{self, RunTime, refused};
 use super::connection::{Connection, LinkState, RECONNECT_MAX, credentials};
-use super::join;
+use super::files;
 use super::settings::FleetAccess;
 use crate::access::secret::random;
 use crate::clock::since_boot;
@@ -20,7 +20,7 @@ use railbus_fleet::uplink::{
     NoResend, OutboxHead, READ_MAX, SiteIdentity, UpMessage, Uplink, UplinkFault, UplinkInput,
     UplinkOutput,
 };
-use railbus_fleet::{API_ANSWER_MAX, KEY_ENDS_SOON_S, SiteClaims, read_site_creds, renewed_creds};
+use railbus_fleet::{API_ANSWER_MAX, KEY_ENDS_SOON_S, read_site_creds, renewed_creds};
 use railbus_store::durable;
 use railbus_store::history::millis;
 use std::io::ErrorKind;
@@ -58,8 +58,11 @@ struct Driver {
     recorded: Recorded,
     /// What the centre asks, in the session of this name.
     asked: Option<(String, Subscriber)>,
-    /// That its key ends soon, until that is said.
-    key_ends: Option<Problem>,
+    /// It has worked with these claims, and that their key ends soon was said.
+    has_worked: bool,
+    is_key_end_said: bool,
+    /// It has other claims than those with which it is connected.
+    has_new_claims: bool,
     /// How many failures were reported since it worked.
     failures: u32,
     /// What is known of the connection.
@@ -76,6 +79,8 @@ enum Ended {
     Stopped,
     /// There is no outbox any more.
     Gone,
+    /// With the claims of this connection the servers would end it soon.
+    Renewed,
     Broken(Problem),
 }
 
@@ -90,7 +95,11 @@ pub(super) async fn run(outlet: Outlet) -> Result<(), Problem> {
     let days = outlet.number("replay_days");
     let installation = installation(&outlet)?;
     let credentials = FleetAccess::of(&outlet.settings.borrow()).credentials;
-    join::forget_others(&outlet.folder, &outlet.name, &credentials);
+    let config = outlet.service.config();
+    files::sweep(&outlet.folder, &credentials, |name| {
+        let known = config.outlets.get(name);
+        known.is_some_and(|known| known.kind == outlet.kind.name)
+    });
     let boot = random().map_err(|error| internal(&error))?;
     let outbox = outbox::start_for_again(&outlet, days)?;
     let own = SiteIdentity {
@@ -106,7 +115,9 @@ pub(super) async fn run(outlet: Outlet) -> Result<(), Problem> {
             finding: None,
         },
         asked: None,
-        key_ends: None,
+        has_worked: false,
+        is_key_end_said: false,
+        has_new_claims: false,
         failures: 0,
         link: LinkState::default(),
         run: RunTime {
@@ -155,7 +166,8 @@ impl Driver {
             let problem = match opened {
                 Err(problem) => problem,
                 Ok((connection, claims, token)) => {
-                    self.set_claims(&claims, token);
+                    self.uplink.set_claims(&claims, token);
+                    (self.has_worked, self.is_key_end_said) = (false, false);
                     let end = self.serve(connection, stopped.as_mut()).await;
                     self.asked = None;
                     self.handle(UplinkInput::Lost);
@@ -163,6 +175,7 @@ impl Driver {
                     match end {
                         Ended::Stopped => return Ok(()),
                         Ended::Gone => return Err(gone()),
+                        Ended::Renewed => continue,
                         Ended::Broken(problem) => problem,
                     }
                 }
@@ -201,6 +214,11 @@ impl Driver {
             };
             if let Err(problem) = driven {
                 return Ended::Broken(problem);
+            }
+            if std::mem::take(&mut self.has_new_claims) {
+                // What is not acknowledged is sent again.
+                let _ = tokio::time::timeout(LINGER, connection.client.flush()).await;
+                return Ended::Renewed;
             }
             // What was suspended on the way is due sooner.
             let now = self.run.now();
@@ -255,31 +273,39 @@ impl Driver {
         self.uplink.handle(self.run.now(), input);
     }
 
-    /// What its credentials say.
-    fn set_claims(&mut self, claims: &SiteClaims, token: String) {
-        let expires = claims.expires.and_then(|at| i64::try_from(at).ok());
-        self.uplink.set_claims(claims, token);
-        let now = millis(SystemTime::now()) / 1_000;
-        let ends = expires.filter(|at| at.saturating_sub(now) < KEY_ENDS_SOON_S);
-        self.key_ends = ends.map(|at| Problem::new(codes::FLEET_KEY_ENDS).with("reason", day(at)));
-    }
-
     /// The centre issued these claims: they are put in the place of those in the file.
-    fn renewed(&mut self, token: String) {
+    fn renewed(&mut self, token: &str) {
         let path = FleetAccess::of(&self.outlet.settings.borrow()).credentials;
-        let end = credentials(&path).and_then(|(_, text)| {
+        let end = credentials(&path).and_then(|(own, text)| {
             // Of another site or key: not asked for by this one.
-            let Ok(text) = renewed_creds(&text, &token) else {
-                return Ok(None);
+            let new =
+                renewed_creds(&text, token).and_then(|text| Ok((read_site_creds(&text)?, text)));
+            let Some((_, text)) = new.ok().filter(|(new, _)| new.expires > own.expires) else {
+                return Ok(false);
             };
-            let written = durable::replace(&path, text.as_bytes(), Some(0o600));
+            // It may be a link to where it is kept.
+            let file = std::fs::canonicalize(&path).unwrap_or_else(|_| path.clone());
+            let written = durable::replace(&file, text.as_bytes(), Some(0o600));
             written.map_err(|error| unusable(&path, &error))?;
-            Ok(read_site_creds(&text).ok())
+            Ok(true)
         });
         match end {
-            Ok(Some(claims)) => self.set_claims(&claims, token),
-            Ok(None) => {}
+            Ok(is_new) => self.has_new_claims = is_new,
             Err(problem) => self.outlet.report.noted(problem, 1),
+        }
+    }
+
+    /// Says once that its key ends soon, by the clock of the centre.
+    fn tell_key_end(&mut self) {
+        let clock_ms = millis(SystemTime::now());
+        let left = self.uplink.key_left(self.run.now(), clock_ms);
+        let left = left.and_then(|left| i64::try_from(left).ok());
+        let ends = left.filter(|left| *left < KEY_ENDS_SOON_S);
+        if let Some(left) = ends.filter(|_| self.has_worked && !self.is_key_end_said) {
+            self.is_key_end_said = true;
+            let at = day((clock_ms / 1_000).saturating_add(left));
+            let problem = Problem::new(codes::FLEET_KEY_ENDS).with("reason", at);
+            self.outlet.report.noted(problem, 1);
         }
     }
 
@@ -459,13 +485,15 @@ impl Driver {
                     let counts = self.outlet.report.counts();
                     counts.sent.fetch_add(count, Relaxed);
                 }
-                UplinkOutput::Renewed(token) => self.renewed(token),
+                UplinkOutput::Renewed(token) => self.renewed(&token),
+                UplinkOutput::NotRenewed(reason) => {
+                    let problem = Problem::new(codes::NO_KEY).with("reason", reason);
+                    self.outlet.report.noted(problem, 1);
+                }
                 UplinkOutput::Works => {
                     self.failures = 0;
                     self.outlet.report.worked();
-                    if let Some(problem) = self.key_ends.take() {
-                        self.outlet.report.noted(problem, 1);
-                    }
+                    self.has_worked = true;
                 }
                 UplinkOutput::Fails(fault, wait) => {
                     let file = self.outlet.outbox_file();
@@ -473,6 +501,7 @@ impl Driver {
                 }
             }
         }
+        self.tell_key_end();
         self.count();
         Ok(())
     }
@@ -495,7 +524,7 @@ impl Driver {
             // What stays is removed by the next outlet of this kind.
             let _ = std::fs::remove_file(self.outlet.kept());
             let credentials = FleetAccess::of(&self.outlet.settings.borrow()).credentials;
-            join::forget(&self.outlet.folder, &self.outlet.name, &credentials);
+            files::forget(&self.outlet.folder, &self.outlet.name, &credentials);
         }
     }
 }

@@ -2,12 +2,13 @@
 //! order, also those of an outage.
 //!
 //! - Its settings: `settings`. How servers are reached: `connection`. What drives it: `driver`.
-//!   What the centre asks: `asked`. How it gets its key: `join`.
+//!   What the centre asks: `asked`. How it gets its key: `join`, `files`.
 //! - What is said and when is decided by [`railbus_fleet::uplink`], which has no I/O.
 
 mod asked;
 mod connection;
 mod driver;
+mod files;
 mod join;
 mod settings;
 
@@ -69,8 +70,8 @@ const FIELDS: &[Field] = &[
         Shape::Text(PATH_MAX),
     )
     .with_hint([
-        "File on this machine, made by railbus fleet creds",
-        "本机上的文件，由 railbus fleet creds 生成",
+        "File on this machine, made by railbus fleet creds, or here by railbus fleet join",
+        "本机上的文件，由 railbus fleet creds 生成，或由 railbus fleet join 在本机生成",
     ])
     .required(),
     Field::new(

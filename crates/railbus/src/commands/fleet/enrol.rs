@@ -74,7 +74,6 @@ pub(super) fn invitation(
         servers,
         ca,
         creds,
-        until: claims.expires.unwrap_or(u64::MAX),
     };
     Ok((invitation, claims))
 }

@@ -14,12 +14,17 @@ use railbus_gateway::hub;
 use railbus_words::{Code, Lang};
 use serde_json::json;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 /// The name of the command.
 pub(super) const NAME: &str = "revoke";
 
 /// A key that is not noted is valid for so long at most, in seconds.
 const UNNOTED_S: u64 = SITE_VALID_S;
+
+/// Servers and centre distinguish no times within it: what is made in the second of the revocation
+/// is refused.
+const SECOND: Duration = Duration::from_secs(1);
 
 /// Its parser and help.
 pub(super) fn define(lang: Lang) -> Command {
@@ -114,6 +119,7 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
     }
     if let Some(site) = site {
         context.note(&lang.fill(FleetText::NewKey, &[("site", site)]));
+        std::thread::sleep(SECOND);
     }
     Ok(())
 }
@@ -161,6 +167,7 @@ fn new_keys(
     };
     let is_revoked = |(key, _): &NotedKey| revoked.iter().any(|each| each.key == *key);
     if !is_named && keys.iter().all(is_revoked) {
+        std::thread::sleep(SECOND);
         let values: &[(&str, &dyn std::fmt::Display)] =
             &[("site", &site), ("file", &noted_file.display())];
         return Err(Failure::new(
@@ -168,10 +175,13 @@ fn new_keys(
             lang.fill(FleetText::NoKeys, values),
         ));
     }
-    // Until they have expired: no key is made twice, and clocks differ.
-    let revoked = keys
-        .into_iter()
-        .map(|(key, until)| RevokedKey { key, at: until });
+    // Until they have expired: no key is made twice, and clocks differ. What is noted may be from
+    // before a renewal.
+    let least = super::now().saturating_add(SITE_VALID_S);
+    let revoked = keys.into_iter().map(|(key, until)| RevokedKey {
+        key,
+        at: until.max(least),
+    });
     Ok((revoked.collect(), not_noted))
 }
 

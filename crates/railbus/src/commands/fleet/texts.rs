@@ -79,8 +79,9 @@ railbus_words::texts! {
         zh: "站点名由 1 至 64 个 a-z、0-9、- 或 _ 组成",
     }
     CredsMade {
-        en: "valid until {day}: replace it before; carry it to {site} by a way you trust",
-        zh: "有效期至 {day}，请在此之前更换；请经可信途径送达 {site}",
+        en: "valid until {day}, and renewed by the centre before; carry it to {site} by a way you \
+            trust",
+        zh: "有效期至 {day}，到期前由中心续期；请经可信途径送达 {site}",
     }
     Demo {
         en: "Run a whole fleet on this machine, to try it: a NATS server, the centre, and three \
@@ -113,16 +114,16 @@ press Ctrl-C to stop",
     DemoLate { en: "the fleet does not stand after a minute", zh: "一分钟后站群仍未就绪" }
     DemoEnded { en: "{name} has ended", zh: "{name} 已退出" }
     Enrol {
-        en: "Make an invitation for a site, which railbus fleet join takes up there: the site \
-            makes its key, and the centre admits it. It counts once; the centre must be running \
-            then.",
-        zh: "为站点生成邀请（一次有效），在站点用 railbus fleet join 接受：密钥由站点自行生成。",
+        en: "Make an invitation for a site, which railbus fleet join accepts there: the site \
+            makes its key, and the centre admits it. It can be used once; the centre must be \
+            running then.",
+        zh: "为站点生成一次性邀请，在站点用 railbus fleet join 接受（中心须在运行）：密钥由站点生成。",
     }
-    InvitationFile { en: "The new file; - for the output", zh: "新文件；- 表示输出到终端" }
+    InvitationFile { en: "The new file; - for standard output", zh: "新文件；- 表示标准输出" }
     Hours { en: "For how many hours it is valid [24]", zh: "有效小时数 [24]" }
     NoServers { en: "it names no server", zh: "其中没有服务器" }
     Enrolled {
-        en: "whoever takes it up first is {site}, within {hours} h: carry it there by a way you \
+        en: "whoever accepts it first is {site}, within {hours} h: carry it there by a way you \
             trust",
         zh: "{hours} 小时内首先接受者即为 {site}：请经可信途径送达",
     }
@@ -131,15 +132,15 @@ press Ctrl-C to stop",
             the integration; where that is there, its key is replaced.",
         zh: "凭邀请加入站群：由运行中的守护进程添加集成，已存在时更换密钥。",
     }
-    Invitation { en: "The invitation; - for the input", zh: "邀请文件；- 表示从输入读取" }
+    Invitation { en: "The invitation; - for standard input", zh: "邀请文件；- 表示标准输入" }
     IntegrationName { en: "The name of the integration [fleet]", zh: "集成的名称 [fleet]" }
     Joined {
         en: "this site is {site} of the fleet now (integration {name})",
         zh: "本站点现为站群中的 {site}（集成 {name}）",
     }
     JoinedNote {
-        en: "the centre may switch only what write in [outlet.{name}] allows, at first nothing",
-        zh: "中心只能操作 [outlet.{name}] 中 write 允许的输出，初始为空",
+        en: "the centre may switch what write in [outlet.{name}] names; without it, nothing",
+        zh: "中心只能操作 [outlet.{name}] 中 write 列出的输出；未列出则均不可操作",
     }
     NotNoted {
         en: "keys that the centre issued may still be accepted: its streams can't be used",
@@ -157,16 +158,17 @@ press Ctrl-C to stop",
         zh: "离线保管的密钥所在文件夹 [DIR/offline]",
     }
     RevokedSite {
-        en: "The site: all keys made for it in DIR so far",
-        zh: "站点：此前在 DIR 中为其生成的全部密钥",
+        en: "The site: all keys made for it in DIR or issued by the centre so far",
+        zh: "站点：此前在 DIR 中生成或由中心签发的全部密钥",
     }
     UnnotedKey {
         en: "Also this public key (U…), which was made elsewhere",
         zh: "同时吊销在别处生成的公钥（U…）",
     }
     NoKeys {
-        en: "no key of {site} is recorded in {file}: name it with --key",
-        zh: "{file} 中没有 {site} 的密钥，请用 --key 指定",
+        en: "no key of {site} is recorded in {file} or at the servers that is not revoked: name it \
+            with --key",
+        zh: "{file} 和服务器上没有 {site} 的未吊销密钥，请用 --key 指定",
     }
     Revoked {
         en: "keys of {site} revoked: {count}; in force at {servers}",
@@ -181,8 +183,8 @@ press Ctrl-C to stop",
         zh: "{of} 台服务器中已有 {told} 台生效；其余服务器可能仍接受这些密钥",
     }
     NewKey {
-        en: "to let {site} in again, make another key: railbus fleet creds",
-        zh: "如需重新接纳 {site}，请生成新密钥：railbus fleet creds",
+        en: "to let {site} in again, make an invitation: railbus fleet enrol",
+        zh: "如需重新接纳 {site}，请生成邀请：railbus fleet enrol",
     }
     Serve {
         en: "Run the centre of a fleet: it admits the sites, and knows how they are. The \

@@ -1,0 +1,205 @@
+//! The files of a site in its state folder: keys that it made itself. Their names have the key in
+//! them: with another key the settings change, and the ones of before go on to work if the change
+//! is undone.
+
+use crate::nats::unusable;
+use railbus_api::problem::Problem;
+use railbus_fleet::{public_site_key, read_site_creds};
+use railbus_store::durable;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::{Duration, SystemTime};
+
+/// How many characters of a key are in a name.
+const SHOWN: usize = 16;
+/// How long a key is kept that was made for an invitation: it is valid for 30 days at most.
+const PENDING_MAX: Duration = Duration::from_secs(31 * 86_400);
+/// A file of an outlet that is not configured may be of one that is being added.
+const ADDED_MAX: Duration = Duration::from_secs(600);
+
+const PREFIX: &str = "fleet-";
+const JOINING: &str = "joining-";
+const CREDS: &str = ".creds";
+const CA: &str = ".ca.pem";
+const PENDING: &str = ".key";
+
+/// The files of the outlet of a name.
+pub(super) struct SiteFiles {
+    folder: Arc<Path>,
+    name: String,
+}
+
+impl SiteFiles {
+    pub(super) fn new(folder: Arc<Path>, name: &str) -> SiteFiles {
+        SiteFiles {
+            folder,
+            name: name.to_owned(),
+        }
+    }
+
+    fn of_key(&self, key: &str, end: &str) -> PathBuf {
+        // No name of an outlet has a hyphen.
+        let name = format!("{PREFIX}{}-{}{end}", self.name, shown(key));
+        self.folder.join(name)
+    }
+
+    /// The credentials of this key.
+    pub(super) fn creds(&self, key: &str) -> PathBuf {
+        self.of_key(key, CREDS)
+    }
+
+    /// The authority of the fleet of this key.
+    pub(super) fn ca(&self, key: &str) -> PathBuf {
+        self.of_key(key, CA)
+    }
+
+    /// The key that was made for the invitation with this number, whatever the outlet is to be
+    /// called.
+    pub(super) fn pending(&self, invitation: &str) -> PathBuf {
+        let name = format!("{PREFIX}{JOINING}{}{PENDING}", shown(invitation));
+        self.folder.join(name)
+    }
+
+    pub(super) fn write(&self, path: &Path, text: &str, mode: u32) -> Result<(), Problem> {
+        let end = durable::replace(path, text.as_bytes(), Some(mode));
+        end.map_err(|error| unusable(path, &error))
+    }
+}
+
+fn shown(key: &str) -> String {
+    key.chars().take(SHOWN).collect()
+}
+
+/// Removes what is of no use any more, where an outlet starts with these credentials: keys that
+/// were made for their invitation, keys that have expired, and those of outlets that are gone, as
+/// `is_there` says. What can't be removed stays.
+pub(super) fn sweep(folder: &Path, credentials: &Path, is_there: impl Fn(&str) -> bool) {
+    let now = SystemTime::now();
+    let now_s = now.duration_since(SystemTime::UNIX_EPOCH);
+    let now_s = now_s.map(|since| since.as_secs()).unwrap_or_default();
+    let all = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    for path in all.map(|entry| entry.path()) {
+        let name = path.file_name().and_then(|name| name.to_str());
+        let Some(name) = name.and_then(|name| name.strip_prefix(PREFIX)) else {
+            continue;
+        };
+        let written = path.metadata().and_then(|file| file.modified()).ok();
+        let age = written.and_then(|at| now.duration_since(at).ok());
+        let is_older = |than: Duration| age.is_some_and(|age| age > than);
+        let text = || std::fs::read_to_string(&path).unwrap_or_default();
+        let is_useless = if let Some(key) = name.strip_prefix(JOINING) {
+            let is_configured = || {
+                let key = public_site_key(text().trim());
+                key.is_ok_and(|key| {
+                    let end = format!("-{}{CREDS}", shown(&key));
+                    credentials.to_string_lossy().ends_with(&end)
+                })
+            };
+            key.ends_with(PENDING) && (is_configured() || is_older(PENDING_MAX))
+        } else if let Some((outlet, rest)) = name.split_once('-') {
+            let is_creds = rest.ends_with(CREDS);
+            let is_ours = is_creds || rest.ends_with(CA);
+            let has_expired = || {
+                let claims = read_site_creds(&text());
+                claims.is_ok_and(|claims| claims.expires.is_some_and(|at| at < now_s))
+            };
+            let is_gone = !is_there(outlet) && is_older(ADDED_MAX);
+            let is_old = is_creds && path != credentials && has_expired();
+            is_ours && (is_gone || is_old)
+        } else {
+            false
+        };
+        if is_useless {
+            let _ = std::fs::remove_file(path);
+        }
+    }
+}
+
+/// The outlet of this name with these credentials is there no longer, nor are they needed, if they
+/// were made here.
+pub(super) fn forget(folder: &Path, name: &str, credentials: &Path) {
+    let file = credentials.file_name().and_then(|file| file.to_str());
+    let key = file.and_then(|file| {
+        let rest = file.strip_prefix(PREFIX)?.strip_prefix(name)?;
+        rest.strip_prefix('-')?.strip_suffix(CREDS)
+    });
+    if let Some(key) = key.filter(|_| credentials.parent() == Some(folder)) {
+        let files = SiteFiles::new(Arc::from(folder), name);
+        let _ = std::fs::remove_file(files.creds(key));
+        let _ = std::fs::remove_file(files.ca(key));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use railbus_fleet::{SiteSigner, new_site_key};
+
+    #[test]
+    fn what_is_of_use_stays() {
+        let name = format!("railbus-site-files-{}", std::process::id());
+        let folder = std::env::temp_dir().join(name);
+        std::fs::create_dir_all(&folder).unwrap();
+        let founded =
+            railbus_fleet::founding::found(&[railbus_fleet::NodeAddress::parse("a").unwrap()], 7);
+        let founded = founded.unwrap();
+        let text = |path: &str| {
+            let file = founded.iter().find(|file| file.path == path).unwrap();
+            file.text.trim().to_owned()
+        };
+        let signer = SiteSigner::new(&text("hub/site-signing.nk"), &text("hub/sites-account.pub"));
+        let signer = signer.unwrap();
+        let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
+        let now = now.unwrap().as_secs();
+        let file = |path: PathBuf, text: &str, age: Duration| {
+            std::fs::write(&path, text).unwrap();
+            let opened = std::fs::File::options().write(true).open(&path).unwrap();
+            opened.set_modified(SystemTime::now() - age).unwrap();
+            path
+        };
+        let (hq, gone) = ("hq", "gone");
+        let files = |name| SiteFiles::new(Arc::from(&*folder), name);
+        let (valid, expired) = (
+            signer.creds("plant7", now, 1_000).unwrap(),
+            signer.creds("plant7", 7, 1).unwrap(),
+        );
+        let (young, old) = (Duration::ZERO, 2 * ADDED_MAX);
+        let (seed, key) = new_site_key().unwrap();
+        let configured = file(files(hq).creds(&key), &valid, old);
+        let stay = [
+            configured.clone(),
+            file(files(hq).ca(&key), "", old),
+            // A change can be undone, and another outlet has keys, too.
+            file(files(hq).creds("UBEFORE"), &valid, old),
+            file(files("hq_2").creds("U2"), &valid, old),
+            file(
+                files(hq).pending("ANOTHER"),
+                &new_site_key().unwrap().0,
+                old,
+            ),
+            file(files("added").creds("UADDED"), &valid, young),
+            file(folder.join("fleet-hq.json"), "", old),
+            file(folder.join("hq.creds"), &expired, old),
+        ];
+        let go = [
+            file(files(hq).creds("UEXPIRED"), &expired, old),
+            file(files(hq).pending("OWN"), &format!("{seed}\n"), young),
+            file(files(hq).pending("LONGAGO"), "", 2 * PENDING_MAX),
+            file(files(gone).creds("UGONE"), &valid, old),
+            file(files(gone).ca("UGONE"), "", old),
+        ];
+        sweep(&folder, &configured, |name| ["hq", "hq_2"].contains(&name));
+        for path in &stay {
+            assert!(path.exists(), "{}", path.display());
+        }
+        for path in &go {
+            assert!(!path.exists(), "{}", path.display());
+        }
+        // One that was made by hand is not ours.
+        forget(&folder, hq, &folder.join("hq.creds"));
+        assert!(folder.join("hq.creds").exists());
+        forget(&folder, hq, &configured);
+        assert!(!configured.exists() && files(hq).creds("UBEFORE").exists());
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+}
