@@ -198,9 +198,11 @@ impl VerifiedRequest {
                 });
             }
         }
+        // Not before what it is signed for: that was signed after the last revocation.
+        let issued = now.max(self.claims.issued);
         let token = signers
             .sites
-            .token(&self.site, &self.key, now, SITE_VALID_S);
+            .token(&self.site, &self.key, issued, SITE_VALID_S);
         let token = token.map_err(|error: CredsError| refusal(code, &error.to_string()))?;
         let end = Some(KeyResult::Token(token));
         Ok((known.encode_to_vec(), KeyAnswer { end }.encode_to_vec()))
@@ -231,7 +233,12 @@ pub fn revoke_noted(
         }
     }
     // The clocks of those who revoke differ.
-    known.revoked_s = known.revoked_s.max(now);
+    let is_ahead = known.revoked_s > now.saturating_add(DAY_S);
+    known.revoked_s = match is_ahead {
+        // That one was so wrong that nobody could join any more.
+        true => now,
+        false => known.revoked_s.max(now),
+    };
     for noted in &mut known.keys {
         noted.is_revoked = true;
     }

@@ -189,6 +189,16 @@ fn a_centre_whose_clock_is_wrong_does_no_harm() {
     hub.revoke(&[], NOW + 50);
     let before = hub.invitation(NOW + 60);
     assert!(hub.join(&before, &new_key(), NOW + 101).is_err());
+    // Made by a clock that is ahead of the centre's: what is issued for it can be renewed, too.
+    hub.revoke(&[], NOW + 340);
+    let (ahead, key) = (hub.invitation(NOW + 345), new_key());
+    let claims = hub.join(&ahead, &key, NOW + 110).unwrap();
+    assert_eq!(claims.issued, NOW + 345);
+    // One that was a year ahead is repaired by one that is right.
+    hub.revoke(&[], NOW + 365 * DAY);
+    hub.revoke(&[], NOW + 400);
+    let later = hub.invitation(NOW + 401);
+    assert!(hub.join(&later, &new_key(), NOW + 401).is_ok());
 }
 
 #[test]

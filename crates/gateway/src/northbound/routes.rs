@@ -297,7 +297,9 @@ fn not_of_another(config: &Config, kind: &OutletKind, outlet: &str) -> Result<()
 async fn join(Path((kind, outlet)): Path<(String, String)>, order: Order) -> Answer {
     // One at a time: two could not both have the outlet.
     let joins = Arc::clone(&order.site.northbound.joins);
-    let _turn = joins.lock().await;
+    let Ok(_turn) = joins.try_lock() else {
+        return answer::problem(&Problem::new(codes::OVERLOADED));
+    };
     let end = async {
         let kind = kind_of(&kind)?;
         Ok((kind, joined(&order, kind, &outlet).await?))

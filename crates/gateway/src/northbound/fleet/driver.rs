@@ -2,7 +2,7 @@
 
 use super::asked::{self, RunTime, refused};
 use super::connection::{Connection, LinkState, RECONNECT_MAX, credentials};
-use super::files;
+use super::files::{self, Configured};
 use super::settings::FleetAccess;
 use crate::access::secret::random;
 use crate::clock::since_boot;
@@ -94,12 +94,8 @@ pub(super) async fn run(outlet: Outlet) -> Result<(), Problem> {
         |error: &dyn ToString| Problem::new(codes::INTERNAL).with("reason", error.to_string());
     let days = outlet.number("replay_days");
     let installation = installation(&outlet)?;
-    let credentials = FleetAccess::of(&outlet.settings.borrow()).credentials;
-    let config = outlet.service.config();
-    files::sweep(&outlet.folder, &credentials, |name| {
-        let known = config.outlets.get(name);
-        known.is_some_and(|known| known.kind == outlet.kind.name)
-    });
+    let configured = Configured::of(&outlet.service.config(), outlet.kind.name);
+    files::sweep(&outlet.folder, &configured);
     let boot = random().map_err(|error| internal(&error))?;
     let outbox = outbox::start_for_again(&outlet, days)?;
     let own = SiteIdentity {
@@ -168,6 +164,7 @@ impl Driver {
                 Ok((connection, claims, token)) => {
                     self.uplink.set_claims(&claims, token);
                     (self.has_worked, self.is_key_end_said) = (false, false);
+                    self.has_new_claims = false;
                     let end = self.serve(connection, stopped.as_mut()).await;
                     self.asked = None;
                     self.handle(UplinkInput::Lost);
@@ -280,9 +277,13 @@ impl Driver {
             // Of another site or key: not asked for by this one.
             let new =
                 renewed_creds(&text, token).and_then(|text| Ok((read_site_creds(&text)?, text)));
-            let Some((_, text)) = new.ok().filter(|(new, _)| new.expires > own.expires) else {
+            let Ok((new, text)) = new else {
                 return Ok(false);
             };
+            if new.expires <= own.expires {
+                let behind = "the clock of the centre is behind";
+                return Err(Problem::new(codes::NO_KEY).with("reason", behind));
+            }
             // It may be a link to where it is kept.
             let file = std::fs::canonicalize(&path).unwrap_or_else(|_| path.clone());
             let written = durable::replace(&file, text.as_bytes(), Some(0o600));
@@ -524,7 +525,10 @@ impl Driver {
             // What stays is removed by the next outlet of this kind.
             let _ = std::fs::remove_file(self.outlet.kept());
             let credentials = FleetAccess::of(&self.outlet.settings.borrow()).credentials;
-            files::forget(&self.outlet.folder, &self.outlet.name, &credentials);
+            let config = self.outlet.service.config();
+            let configured = Configured::of(&config, self.outlet.kind.name);
+            let (folder, name) = (&self.outlet.folder, &self.outlet.name);
+            files::forget(folder, name, &credentials, &configured);
         }
     }
 }

@@ -2,10 +2,13 @@
 //! them: with another key the settings change, and the ones of before go on to work if the change
 //! is undone.
 
+use super::settings::FleetAccess;
 use crate::nats::unusable;
 use railbus_api::problem::Problem;
 use railbus_fleet::{public_site_key, read_site_creds};
+use railbus_site::Config;
 use railbus_store::durable;
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
@@ -70,10 +73,34 @@ fn shown(key: &str) -> String {
     key.chars().take(SHOWN).collect()
 }
 
-/// Removes what is of no use any more, where an outlet starts with these credentials: keys that
-/// were made for their invitation, keys that have expired, and those of outlets that are gone, as
-/// `is_there` says. What can't be removed stays.
-pub(super) fn sweep(folder: &Path, credentials: &Path, is_there: impl Fn(&str) -> bool) {
+/// The files that the outlets of this kind in a configuration name, and the outlets.
+pub(super) struct Configured {
+    files: BTreeSet<PathBuf>,
+    outlets: BTreeSet<String>,
+}
+
+impl Configured {
+    pub(super) fn of(config: &Config, kind: &str) -> Configured {
+        let own = config.outlets.iter();
+        let own = own.filter(|(_, outlet)| outlet.kind == kind);
+        let mut configured = Configured {
+            files: BTreeSet::new(),
+            outlets: BTreeSet::new(),
+        };
+        for (name, outlet) in own {
+            let access = FleetAccess::of(&outlet.settings);
+            configured.files.insert(access.credentials);
+            configured.files.extend(access.ca);
+            configured.outlets.insert(name.clone());
+        }
+        configured
+    }
+}
+
+/// Removes what no outlet names and is of no use any more: keys that were made for invitations that
+/// were accepted, keys that have expired, and those of outlets that are gone. What can't be removed
+/// stays.
+pub(super) fn sweep(folder: &Path, configured: &Configured) {
     let now = SystemTime::now();
     let now_s = now.duration_since(SystemTime::UNIX_EPOCH);
     let now_s = now_s.map(|since| since.as_secs()).unwrap_or_default();
@@ -83,6 +110,9 @@ pub(super) fn sweep(folder: &Path, credentials: &Path, is_there: impl Fn(&str) -
         let Some(name) = name.and_then(|name| name.strip_prefix(PREFIX)) else {
             continue;
         };
+        if configured.files.contains(&path) {
+            continue;
+        }
         let written = path.metadata().and_then(|file| file.modified()).ok();
         let age = written.and_then(|at| now.duration_since(at).ok());
         let is_older = |than: Duration| age.is_some_and(|age| age > than);
@@ -92,20 +122,24 @@ pub(super) fn sweep(folder: &Path, credentials: &Path, is_there: impl Fn(&str) -
                 let key = public_site_key(text().trim());
                 key.is_ok_and(|key| {
                     let end = format!("-{}{CREDS}", shown(&key));
-                    credentials.to_string_lossy().ends_with(&end)
+                    let mut files = configured.files.iter();
+                    files.any(|file| file.to_string_lossy().ends_with(&end))
                 })
             };
             key.ends_with(PENDING) && (is_configured() || is_older(PENDING_MAX))
         } else if let Some((outlet, rest)) = name.split_once('-') {
-            let is_creds = rest.ends_with(CREDS);
-            let is_ours = is_creds || rest.ends_with(CA);
-            let has_expired = || {
+            let is_gone = || !configured.outlets.contains(outlet) && is_older(ADDED_MAX);
+            if let Some(key) = rest.strip_suffix(CA) {
+                let creds = folder.join(format!("{PREFIX}{outlet}-{key}{CREDS}"));
+                is_gone() || !creds.exists() && is_older(ADDED_MAX)
+            } else if rest.ends_with(CREDS) {
                 let claims = read_site_creds(&text());
-                claims.is_ok_and(|claims| claims.expires.is_some_and(|at| at < now_s))
-            };
-            let is_gone = !is_there(outlet) && is_older(ADDED_MAX);
-            let is_old = is_creds && path != credentials && has_expired();
-            is_ours && (is_gone || is_old)
+                let has_expired =
+                    claims.is_ok_and(|claims| claims.expires.is_some_and(|at| at < now_s));
+                is_gone() || has_expired
+            } else {
+                false
+            }
         } else {
             false
         };
@@ -115,9 +149,9 @@ pub(super) fn sweep(folder: &Path, credentials: &Path, is_there: impl Fn(&str) -
     }
 }
 
-/// The outlet of this name with these credentials is there no longer, nor are they needed, if they
-/// were made here.
-pub(super) fn forget(folder: &Path, name: &str, credentials: &Path) {
+/// The outlet with these credentials is there no longer. They are not needed any more, if they were
+/// made here and no other outlet has them.
+pub(super) fn forget(folder: &Path, name: &str, credentials: &Path, configured: &Configured) {
     let file = credentials.file_name().and_then(|file| file.to_str());
     let key = file.and_then(|file| {
         let rest = file.strip_prefix(PREFIX)?.strip_prefix(name)?;
@@ -125,8 +159,11 @@ pub(super) fn forget(folder: &Path, name: &str, credentials: &Path) {
     });
     if let Some(key) = key.filter(|_| credentials.parent() == Some(folder)) {
         let files = SiteFiles::new(Arc::from(folder), name);
-        let _ = std::fs::remove_file(files.creds(key));
-        let _ = std::fs::remove_file(files.ca(key));
+        for path in [files.creds(key), files.ca(key)] {
+            if !configured.files.contains(&path) {
+                let _ = std::fs::remove_file(path);
+            }
+        }
     }
 }
 
@@ -187,18 +224,26 @@ mod tests {
             file(files(hq).pending("LONGAGO"), "", 2 * PENDING_MAX),
             file(files(gone).creds("UGONE"), &valid, old),
             file(files(gone).ca("UGONE"), "", old),
+            file(files(hq).ca("UREFUSED"), "", old),
         ];
-        sweep(&folder, &configured, |name| ["hq", "hq_2"].contains(&name));
+        let configured_now = |creds: &Path| Configured {
+            files: [creds, &files(hq).ca(&key)].map(Path::to_owned).into(),
+            outlets: [hq, "hq_2"].map(str::to_owned).into(),
+        };
+        sweep(&folder, &configured_now(&configured));
         for path in &stay {
             assert!(path.exists(), "{}", path.display());
         }
         for path in &go {
             assert!(!path.exists(), "{}", path.display());
         }
-        // One that was made by hand is not ours.
-        forget(&folder, hq, &folder.join("hq.creds"));
-        assert!(folder.join("hq.creds").exists());
-        forget(&folder, hq, &configured);
+        // One that was made by hand is not ours, nor is one that another outlet names.
+        let by_hand = folder.join("hq.creds");
+        forget(&folder, hq, &by_hand, &configured_now(&by_hand));
+        assert!(by_hand.exists());
+        forget(&folder, hq, &configured, &configured_now(&configured));
+        assert!(configured.exists());
+        forget(&folder, hq, &configured, &configured_now(&by_hand));
         assert!(!configured.exists() && files(hq).creds("UBEFORE").exists());
         std::fs::remove_dir_all(&folder).unwrap();
     }

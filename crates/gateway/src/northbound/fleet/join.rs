@@ -27,6 +27,9 @@ use std::time::Duration;
 /// How long the centre may take to answer.
 const ANSWER_MAX: Duration = Duration::from_secs(10);
 
+/// How long all of it may take: callers wait for 30 s.
+const ASKED_MAX: Duration = Duration::from_secs(25);
+
 /// What was made for an invitation before the centre is asked.
 struct Prepared {
     invitation: Invitation,
@@ -44,7 +47,9 @@ fn not_invited(reason: &dyn ToString) -> Problem {
 pub(super) async fn join(invited: Invited) -> Result<Joined, Problem> {
     // Disks may be slow, and lines must not wait for them.
     let prepared = at_disk(move || prepare(&invited)).await?;
-    let token = asked(&prepared).await?;
+    let late = || Problem::new(codes::FLEET_UNREACHED).with("reason", "no answer in time");
+    let token = tokio::time::timeout(ASKED_MAX, asked(&prepared)).await;
+    let token = token.map_err(|_| late())??;
     at_disk(move || finish(&prepared, &token)).await
 }
 
@@ -79,14 +84,18 @@ fn prepare(invited: &Invited) -> Result<Prepared, Problem> {
 /// switch, and what it has not got yet, are theirs.
 fn same_fleet(settings: &Keys, invitation: &Invitation) -> Result<(), Problem> {
     let access = FleetAccess::of(settings);
+    // What can't be read may be what has to be replaced.
     let ca = access
         .ca
         .and_then(|path| std::fs::read_to_string(path).ok());
     let trimmed = |text: &str| text.split_whitespace().collect::<String>();
-    let is_same = ca.is_some_and(|ca| trimmed(&ca) == trimmed(&invitation.ca));
-    // Credentials that can't be read are those that have to be replaced.
-    let site = credentials(&access.credentials).map(|(claims, _)| claims.site);
-    if is_same && site.is_ok_and(|site| site == invitation.site) {
+    let has_its_ca = ca.map(|ca| trimmed(&ca) == trimmed(&invitation.ca));
+    let creds = credentials(&access.credentials).ok();
+    let is_its_site = creds.is_none_or(|(claims, _)| claims.site == invitation.site);
+    let mut servers = access.servers.iter();
+    let is_its_fleet =
+        has_its_ca.unwrap_or_else(|| servers.any(|server| invitation.servers.contains(server)));
+    if is_its_fleet && is_its_site {
         return Ok(());
     }
     Err(Problem::new(codes::OTHER_FLEET).with("name", invitation.site.as_str()))
@@ -271,6 +280,15 @@ mod tests {
         assert_eq!(end(&invitation(&text, "plant7")), Ok(()));
         assert_eq!(end(&invitation(&text, "plant8")), refused);
         assert_eq!(end(&invitation(&beta, "plant7")), refused);
+        // What can't be read is no proof of another fleet, if the servers are the same.
+        std::fs::remove_file(folder.join("creds")).unwrap();
+        assert_eq!(end(&invitation(&text, "plant7")), Ok(()));
+        assert_eq!(end(&invitation(&beta, "plant7")), refused);
+        std::fs::remove_file(folder.join("ca.pem")).unwrap();
+        assert_eq!(end(&invitation(&text, "plant7")), Ok(()));
+        let mut elsewhere = invitation(&text, "plant7");
+        elsewhere.servers = vec![NodeAddress::parse("b").unwrap()];
+        assert_eq!(end(&elsewhere), refused);
         std::fs::remove_dir_all(&folder).unwrap();
     }
 }

@@ -61,6 +61,11 @@ pub(super) fn define(lang: Lang) -> Command {
 pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure> {
     let server: Option<&PathBuf> = matches.get_one("nats-server");
     let server = server.map_or_else(|| PathBuf::from(SERVER), Clone::clone);
+    // It is started in another folder. What is a name alone is looked for on the PATH.
+    let server = match server.components().count() {
+        1 => server,
+        _ => std::path::absolute(&server).unwrap_or(server),
+    };
     let named = hub_socket(matches);
     context.block(async {
         let mut stop = Stop::new(context)?;
@@ -138,7 +143,7 @@ impl DemoFleet<'_> {
             for (site, write) in SITES {
                 sites.push((site, self.site(site, write).await?));
             }
-            self.all_online().await;
+            self.all_online().await?;
             self.say(&node, &sites)
         };
         match timeout(PATIENCE, standing).await {
@@ -230,6 +235,7 @@ impl DemoFleet<'_> {
             {
                 break daemon;
             }
+            self.all_run()?;
             tokio::time::sleep(LOOK).await;
         };
         let settings = daemon.outlets().await.map(|outlets| {
@@ -247,14 +253,15 @@ impl DemoFleet<'_> {
     }
 
     /// Waits until the centre has all sites.
-    async fn all_online(&self) {
+    async fn all_online(&mut self) -> Result<(), Failure> {
         loop {
             if let Ok(hub) = HubClient::find(self.named).await
                 && let Ok(told) = hub.sites().await
                 && told.sites.iter().filter(|site| site.current).count() == SITES.len()
             {
-                return;
+                return Ok(());
             }
+            self.all_run()?;
             tokio::time::sleep(LOOK).await;
         }
     }
@@ -334,9 +341,21 @@ impl DemoFleet<'_> {
         Ok(said)
     }
 
+    /// Whether none of the processes has ended.
+    fn all_run(&mut self) -> Result<(), Failure> {
+        match self.running.try_join_next() {
+            Some(ended) => Err(self.has_ended(ended.ok())),
+            None => Ok(()),
+        }
+    }
+
     /// One of the processes has ended, or the fleet does not stand in time.
-    fn has_ended(&self, ended: Option<EndedProcess>) -> Failure {
+    fn has_ended(&mut self, ended: Option<EndedProcess>) -> Failure {
         let lang = self.context.lang;
+        if let Some((ended, _)) = &ended {
+            // Another process may have its number now.
+            self.started.retain(|(name, _)| name != ended);
+        }
         let Some((name, _)) = ended else {
             let message = lang.get(FleetText::DemoLate).to_owned();
             return Failure::new(Code::System, message);

@@ -24,6 +24,7 @@ const UNNOTED_S: u64 = SITE_VALID_S;
 
 /// Servers and centre distinguish no times within it: what is made in the second of the revocation
 /// is refused.
+const DAY_S: u64 = 86_400;
 const SECOND: Duration = Duration::from_secs(1);
 
 /// Its parser and help.
@@ -64,7 +65,12 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
     };
     if let Some(site) = site {
         // Revoked once more, a key is not noted again.
-        let added = new.iter().filter(|each| !keys.contains(each));
+        let is_noted = |each: &RevokedKey| {
+            let as_long = |known: &RevokedKey| known.at.saturating_add(DAY_S) >= each.at;
+            keys.iter()
+                .any(|known| known.key == each.key && as_long(known))
+        };
+        let added = new.iter().filter(|each| !is_noted(each));
         let lines = added.map(|each| format!("{} {} {site}\n", each.key, each.at));
         site_keys::add(lang, &revoked_file, &lines.collect::<String>())?;
     }
@@ -95,24 +101,29 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
         _ => records::line(json!({ "site": site, "keys": names, "servers": done.servers })),
     };
     out::result(lang, &text)?;
+    let mut again = format!("railbus fleet revoke {}", folder.display());
+    if not_noted.is_some() {
+        again += &format!(" {}", text_of(site));
+        for key in matches.get_many::<String>("key").into_iter().flatten() {
+            again += &format!(" --key {key}");
+        }
+    }
+    if let Some(offline) = matches.get_one::<PathBuf>("offline") {
+        again += &format!(" --offline {}", offline.display());
+    }
     if done.servers.len() < done.of {
         let (told, of) = (done.servers.len(), done.of);
         let values: &[(&str, &dyn std::fmt::Display)] = &[("told", &told), ("of", &of)];
         let failure = Failure::new(Code::Partial, lang.fill(FleetText::NotAllServers, values));
         let failure = done.refused.into_iter().fold(failure, Failure::because);
-        let mut again = format!("railbus fleet revoke {}", folder.display());
-        if let Some(offline) = matches.get_one::<PathBuf>("offline") {
-            again += &format!(" --offline {}", offline.display());
-        }
+        let failure = not_noted.iter().fold(failure, |failure, why| {
+            let failure = failure.because(lang.get(FleetText::NotNoted));
+            failure.because(why.message())
+        });
         return Err(failure.with_try(again));
     }
     if let Some(failure) = not_noted {
         let message = lang.get(FleetText::NotNoted).to_owned();
-        let again = format!(
-            "railbus fleet revoke {} {}",
-            folder.display(),
-            text_of(site)
-        );
         return Err(Failure::new(Code::Partial, message)
             .because(failure.message())
             .with_try(again));

@@ -86,7 +86,7 @@ railbus_words::texts! {
     Demo {
         en: "Run a whole fleet on this machine, to try it: a NATS server, the centre, and three \
             simulated sites. Nothing of it is left afterwards.",
-        zh: "在本机运行完整的站群供试用：NATS 服务器、中心和三个仿真站点，停止后不留任何内容。",
+        zh: "在本机运行完整的站群供试用：NATS 服务器、中心和三个仿真站点，停止后不留下文件或进程。",
     }
     ServerProgram {
         en: "The program of the server [nats-server]",
