@@ -23,6 +23,10 @@ pub(crate) type Work<T> = Pin<Box<dyn Future<Output = T>>>;
 pub(crate) type Join = fn(Invited) -> Pin<Box<dyn Future<Output = Result<Joined, Problem>> + Send>>;
 
 /// An invitation for the outlet of this name, which may not be there yet.
+#[cfg_attr(
+    not(feature = "fleet"),
+    expect(dead_code, reason = "the other kinds have no invitations")
+)]
 pub(crate) struct Invited {
     /// What it is to be called.
     pub(crate) name: String,
