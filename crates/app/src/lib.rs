@@ -25,6 +25,7 @@ pub mod doctor;
 pub mod failure;
 pub mod frames;
 pub mod machine;
+pub mod own_folder;
 pub mod render;
 pub mod scan;
 pub mod settings;

@@ -96,6 +96,7 @@ use railbus_api::problem::Problem;
 use railbus_app::api::failures::bad_config;
 use railbus_app::config_file::{self, FoundConfig};
 use railbus_app::failure::Failure;
+use railbus_app::own_folder::OwnFolder;
 use railbus_app::render::{Format, out, records};
 use railbus_app::socket::{self, Socket};
 use railbus_plant::background::Background;
@@ -109,7 +110,6 @@ use serde_json::json;
 use site::Site;
 use std::io::Write;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
-use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
@@ -192,9 +192,6 @@ fn may_listen_widely(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure> {
 /// longer.
 const TRIED_WITHIN: Duration = Duration::from_secs(1);
 
-/// How many names are tried for the demo's folder.
-const OWN_FOLDERS_MAX: u32 = 16;
-
 /// The system refuses something that it usually grants.
 fn system(lang: Lang, error: impl ToString) -> Failure {
     Failure::new(
@@ -251,15 +248,6 @@ struct Demo {
     _folder: OwnFolder,
 }
 
-/// A temporary folder for this daemon.
-struct OwnFolder(PathBuf);
-
-impl Drop for OwnFolder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
-}
-
 impl Source {
     fn open(lang: Lang, wanted: &ServeOptions) -> Result<Source, Failure> {
         let refused = |problem: Problem| Failure::of_problem(lang, &problem);
@@ -284,21 +272,21 @@ impl Source {
 
     /// Only one demo can listen at the usual address: it has the outlets of the demo, too.
     fn demo(lang: Lang, is_usual: bool) -> Result<Source, Failure> {
-        let folder = OwnFolder::make().map_err(|error| system(lang, error))?;
-        let line = Background::start(lang, folder.0.join("line"))?;
+        let folder = OwnFolder::make("railbus-demo").map_err(|error| system(lang, error))?;
+        let line = Background::start(lang, folder.path().join("line"))?;
         let port = line.path().display().to_string();
         let (text, outlets) = match is_usual {
             true => northbound::of_demo(),
             false => Default::default(),
         };
         let text = railbus_plant::demo::text(&port) + &text;
-        let file = folder.0.join(config_file::NAME);
+        let file = folder.path().join(config_file::NAME);
         std::fs::write(&file, &text).map_err(|error| system(lang, error))?;
         let config = Config::parse(&text).map_err(|problems| {
             Failure::of_problem(lang, &bad_config(lang, config_file::NAME, &problems))
         })?;
         // Its own, whatever is set as the state folder of real sites.
-        let state = folder.0.join(".railbus");
+        let state = folder.path().join(".railbus");
         let demo = Demo {
             line,
             outlets,
@@ -318,22 +306,6 @@ impl Source {
     fn simulated(&self) -> Vec<Remote> {
         let demo = self.demo.iter();
         demo.map(|demo| demo.line.remote().clone()).collect()
-    }
-}
-
-impl OwnFolder {
-    /// An existing folder may be another user's: it is never used.
-    fn make() -> std::io::Result<OwnFolder> {
-        let mut refused = std::io::ErrorKind::AlreadyExists.into();
-        for number in 0..OWN_FOLDERS_MAX {
-            let name = format!("railbus-demo-{}-{number}", std::process::id());
-            let folder = std::env::temp_dir().join(name);
-            match std::fs::DirBuilder::new().mode(0o700).create(&folder) {
-                Ok(()) => return Ok(OwnFolder(folder)),
-                Err(error) => refused = error,
-            }
-        }
-        Err(refused)
     }
 }
 

@@ -9,7 +9,9 @@ use crate::commands::context::hub_socket;
 use crate::commands::stop::Stop;
 use clap::{ArgMatches, Command, value_parser};
 use hyper::Method;
+use railbus_api::problem::Problem;
 use railbus_app::failure::Failure;
+use railbus_app::own_folder::OwnFolder;
 use railbus_app::render::{Format, out, records};
 use railbus_client::HubClient;
 use railbus_fleet::NodeAddress;
@@ -17,9 +19,8 @@ use railbus_fleet::founding::found;
 use railbus_words::{Code, Lang};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::{Value, json};
-use std::fs::{DirBuilder, File};
+use std::fs::File;
 use std::net::{Ipv4Addr, TcpListener};
-use std::os::unix::fs::DirBuilderExt as _;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::time::Duration;
@@ -37,6 +38,8 @@ pub(super) const NAME: &str = "demo";
 const SERVER: &str = "nats-server";
 /// The sites, and what the centre may switch at each.
 const SITES: [(&str, &[&str]); 3] = [("plant1", &["*"]), ("plant2", &["oven"]), ("plant3", &[])];
+/// The name of the process of the centre.
+const CENTRE: &str = "centre";
 /// For how many hours their invitations are valid.
 const HOURS: u64 = 1;
 /// How long until the whole fleet stands.
@@ -71,20 +74,22 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
         let mut stop = Stop::new(context)?;
         // When the terminal is closed: the servers would only read their files again.
         let (closed, over) = watch::channel(false);
-        let mut hangup = signal(SignalKind::hangup())
-            .map_err(|error| Failure::of(context.lang, Code::System).because(error))?;
+        let hangup = signal(SignalKind::hangup());
+        let mut hangup = hangup.map_err(|error| system(context.lang, error))?;
         tokio::spawn(async move {
             hangup.recv().await;
             closed.send_replace(true);
         });
         stop.when(over);
-        let folder = DemoFolder::make(context.lang)?;
+        let folder = OwnFolder::make("railbus-fleet-demo");
+        let folder = folder.map_err(|error| system(context.lang, error))?;
         let mut fleet = DemoFleet {
             context,
-            folder: &folder.0,
+            folder: folder.path(),
             named: named.as_deref(),
             running: JoinSet::new(),
             started: Vec::new(),
+            last: None,
         };
         let end = stop.or(fleet.stand(&server)).await;
         let end = match end {
@@ -100,24 +105,9 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
     })
 }
 
-/// The folder of the demo, which is removed with it.
-struct DemoFolder(PathBuf);
-
-impl DemoFolder {
-    fn make(lang: Lang) -> Result<DemoFolder, Failure> {
-        let name = format!("railbus-fleet-demo-{}", std::process::id());
-        let folder = std::env::temp_dir().join(name);
-        let made = DirBuilder::new().mode(0o700).create(&folder);
-        made.map_err(|error| super::unusable(lang, &folder, &error))?;
-        Ok(DemoFolder(folder))
-    }
-}
-
-impl Drop for DemoFolder {
-    fn drop(&mut self) {
-        // What can't be removed stays in the folder for temporary files.
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
+/// The system refuses something that it usually grants.
+fn system(lang: Lang, error: impl ToString) -> Failure {
+    Failure::of(lang, Code::System).because(error)
 }
 
 /// A process of the demo that has ended.
@@ -131,6 +121,8 @@ struct DemoFleet<'d> {
     running: JoinSet<EndedProcess>,
     /// The names of the processes and their numbers.
     started: Vec<(String, Option<Pid>)>,
+    /// The last problem of what is tried until it works.
+    last: Option<String>,
 }
 
 impl DemoFleet<'_> {
@@ -167,14 +159,17 @@ impl DemoFleet<'_> {
     /// Founds the fleet and starts its server.
     fn serve_nats(&mut self, server: &Path) -> Result<NodeAddress, Failure> {
         let lang = self.context.lang;
-        let system = |error: std::io::Error| Failure::of(lang, Code::System).because(error);
         // Another program could take it before the server does, which would say so.
-        let free = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).map_err(system)?;
-        let address = free.local_addr().map_err(system)?.to_string();
+        let free =
+            TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).map_err(|error| system(lang, error))?;
+        let address = free
+            .local_addr()
+            .map_err(|error| system(lang, error))?
+            .to_string();
         drop(free);
         let node = NodeAddress::parse(&address).ok_or_else(|| Failure::of(lang, Code::System))?;
         let files = found(std::slice::from_ref(&node), super::now());
-        let files = files.map_err(|error| Failure::of(lang, Code::System).because(error))?;
+        let files = files.map_err(|error| system(lang, error))?;
         init::write(lang, &self.fleet(), &files)?;
         let mut program = Program::new(server);
         program
@@ -194,30 +189,35 @@ impl DemoFleet<'_> {
             program.arg("--socket").arg(socket);
         }
         let lang = self.context.lang;
-        let started = self.start("centre", program, false);
-        started.map_err(|error| Failure::of(lang, Code::System).because(error))?;
+        let started = self.start(CENTRE, program, false);
+        started.map_err(|error| system(lang, error))?;
         Ok(())
     }
 
-    /// Starts a site, which joins; the address of its pages.
+    /// Starts a site, which joins; the link to its pages.
     async fn site(&mut self, name: &str, write: &[&str]) -> Result<String, Failure> {
         let (lang, socket) = (self.context.lang, self.folder.join(name));
         let mut program = self.own()?;
         program.args(["serve", "--demo", "--listen", "127.0.0.1:0", "--socket"]);
         program.arg(&socket);
-        let system = |error: std::io::Error| Failure::of(lang, Code::System).because(error);
-        let said = self.start(name, program, true).map_err(system)?;
+        let said = self
+            .start(name, program, true)
+            .map_err(|error| system(lang, error))?;
         let mut pages = String::new();
         if let Some(said) = said {
             let mut lines = BufReader::new(said).lines();
-            // It ends only with its process.
-            while let Some(line) = lines.next_line().await.map_err(system)? {
-                if let Some(page) = line
-                    .split_whitespace()
-                    .find(|word| word.starts_with("http"))
-                {
-                    page.clone_into(&mut pages);
-                    break;
+            // It ends only with its process. Without a user, the link to set one up comes after
+            // that of the pages, and before that of the API.
+            while let Some(line) = lines
+                .next_line()
+                .await
+                .map_err(|error| system(lang, error))?
+            {
+                let mut words = line.split_whitespace();
+                match (words.next(), words.next()) {
+                    (Some("web" | "setup"), Some(link)) => link.clone_into(&mut pages),
+                    (Some("api"), _) => break,
+                    _ => {}
                 }
             }
             // What it says later is of no interest, but it must not have to wait.
@@ -229,11 +229,17 @@ impl DemoFleet<'_> {
         let body = json!({ "invitation": invitation });
         let path = ["outlets", "fleet", "fleet", "join"];
         let daemon = loop {
-            // The centre may not be there yet: the invitation counts for this site until it is.
-            if let Ok(daemon) = DaemonClient::at(&socket).await
-                && daemon.request(Method::POST, &path, &body).await.is_ok()
-            {
-                break daemon;
+            // The centre may not be running yet: the invitation stays valid until it is.
+            let joined = async {
+                let daemon = DaemonClient::at(&socket).await?;
+                daemon.request(Method::POST, &path, &body).await?;
+                Ok::<_, Problem>(daemon)
+            };
+            match joined.await {
+                Ok(daemon) => break daemon,
+                Err(problem) => {
+                    self.last = Some(self.context.failure(&problem).message().to_owned())
+                }
             }
             self.all_run()?;
             tokio::time::sleep(LOOK).await;
@@ -303,7 +309,7 @@ impl DemoFleet<'_> {
     fn own(&self) -> Result<Program, Failure> {
         let lang = self.context.lang;
         let own = std::env::current_exe();
-        let own = own.map_err(|error| Failure::of(lang, Code::System).because(error))?;
+        let own = own.map_err(|error| system(lang, error))?;
         let mut program = Program::new(own);
         // Its site is its own, whatever is set here.
         program
@@ -358,7 +364,8 @@ impl DemoFleet<'_> {
         }
         let Some((name, _)) = ended else {
             let message = lang.get(FleetText::DemoLate).to_owned();
-            return Failure::new(Code::System, message);
+            let failure = Failure::new(Code::System, message);
+            return self.last.take().into_iter().fold(failure, Failure::because);
         };
         let message = lang.fill(FleetText::DemoEnded, &[("name", &name)]);
         let log = std::fs::read_to_string(self.log(&name)).unwrap_or_default();
@@ -366,7 +373,12 @@ impl DemoFleet<'_> {
         let mut last: Vec<&str> = last.take(LOG_SHOWN).collect();
         last.reverse();
         let failure = Failure::new(Code::System, message);
-        last.into_iter().fold(failure, Failure::because)
+        let failure = last.into_iter().fold(failure, Failure::because);
+        match name == CENTRE {
+            // The usual socket is that of another one.
+            true => failure.with_try("railbus fleet demo --socket PATH"),
+            false => failure,
+        }
     }
 
     /// Ends all processes, the last one first, and waits for them.
