@@ -95,8 +95,13 @@ def joins(s, hub):
     code, said = s.join(path, "--name", "second")
     s.check(entry, (code, "E0938" in said, "used before" in said), (9, True, True),
             f"the invitation once more: {said}")
+    # The key is issued, and then the configuration is not changed: the invitation is not lost.
+    other = enrol(s.fleet, SITE, "-other")
+    body = {"invitation": other.read_text(encoding="utf-8")}
+    status, _ = s.daemon.ask("POST", "/outlets/fleet/fleet/join", body, {"If-Match": '"older"'})
+    s.check(entry, (status, s.creds()), (412, first), "with an older configuration")
     # Another one replaces the key, and that can be undone.
-    code, said = s.join(enrol(s.fleet, SITE, "-other"))
+    code, said = s.join(other)
     s.check(entry, (code, s.creds() != first), (0, True), f"another one: {said}")
     s.check(entry, until(lambda: s.outlet()["state"] == "running"), True, f"{s.outlet()}")
     s.ask("POST", "/config/undo")

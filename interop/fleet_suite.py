@@ -248,6 +248,8 @@ async def keys(s):
                     stranger), seed, False),
         "the key of another": (token, other_seed, False),
         "expired": (signed({**claims, "exp": int(time.time()) - 60}, site_seed), seed, False),
+        "signed by a clock that is ahead":
+            (signed({**claims, "iat": int(time.time()) + 240}, site_seed), seed, True),
         "rights of its own":
             (signed({**claims, "nats": {**claims["nats"], **rights}}, site_seed), seed, False),
         "another account": (signed({**claims, "nats": {

@@ -11,10 +11,10 @@ use serde_json::{Value, json};
 pub(crate) const PAYLOAD_MAX: u64 = 1 << 20;
 /// The most subscriptions of a site.
 const SITE_SUBSCRIPTIONS_MAX: u64 = 64;
-/// The same of somebody invited, and the most bytes of his messages.
+/// The same with the key of an invitation, and its longest message in bytes.
 const INVITED_SUBSCRIPTIONS_MAX: u64 = 4;
 const INVITED_PAYLOAD_MAX: u64 = 4 << 10;
-/// How inboxes of those who are invited begin.
+/// How the inboxes of invitations begin.
 pub const JOIN_INBOX: &str = "_JOIN";
 /// How long a site has to answer a request, in nanoseconds.
 const ANSWER_WITHIN_NS: u64 = 60_000_000_000;
@@ -58,7 +58,7 @@ pub(crate) const OF_HUB: &[Shared] = &[
         way: Way::Service,
     },
     Shared {
-        name: "who asks for a key by an invitation",
+        name: "requests for keys by invitations",
         subject: "rb.join.*",
         way: Way::Service,
     },
@@ -100,8 +100,8 @@ pub(crate) fn site() -> Value {
     })
 }
 
-/// What somebody invited may do: ask for the key of this site. Answers come to an inbox that is
-/// none of a site.
+/// What the key of an invitation permits: to request the key of this site. Answers come to an inbox
+/// that no site has.
 pub(crate) fn invited() -> Value {
     json!({
         "pub": { "allow": [format!("rb.join.{SITE}")] },

@@ -15,7 +15,7 @@ const CA_BEGIN: &str = "-----BEGIN CERTIFICATE-----";
 const CREDS_END: &str = "END USER NKEY SEED";
 const CA_END: &str = "-----END CERTIFICATE-----";
 
-/// An invitation. Whoever has it first gets the key of its site.
+/// An invitation. The first one who uses it gets the key of its site.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Invitation {
     /// The site.

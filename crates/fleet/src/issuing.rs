@@ -1,8 +1,8 @@
-//! Keys that the centre issues: to whoever has an invitation, once, and to a site again before its
-//! key expires. Each is noted in a document of its site first, so that it can be revoked.
+//! Keys that the centre issues: one for each invitation, and claims for another 90 days before a
+//! key expires. Each is recorded in a document of its site first, so that it can be revoked.
 //!
 //! A site's private key never leaves it: what is issued are claims for its public key. A key is
-//! renewed only for itself, so a thief can't make others with one that he has.
+//! renewed only for itself, so a stolen key does not lead to others.
 
 use crate::creds::{CredsError, SiteClaims, SiteSigner};
 use crate::message::{FleetRefusal, IssuedKey, KeyAnswer, KeyRequest, KeyResult, SiteKeys};
@@ -10,7 +10,7 @@ use crate::revocation::is_site_key;
 use crate::{DAY_S, SITE_VALID_S};
 use prost::Message as _;
 
-/// The most keys of a site that are noted. More are not issued until some have expired.
+/// The maximum number of recorded keys of a site. More are not issued until some have expired.
 const KEYS_MAX: usize = 64;
 /// The longest request, in bytes.
 const REQUEST_MAX: usize = 4 << 10;
@@ -21,11 +21,11 @@ const BEHIND_MAX_S: u64 = 300;
 /// How long a key is noted after it has expired, in seconds: the clock of a centre may be wrong.
 const NOTED_AFTER_S: u64 = 30 * DAY_S;
 
-/// The code of what is refused to a site.
+/// The code of a renewal that is refused.
 const NOT_RENEWED: &str = "E0934";
-/// The code of what is refused to somebody invited.
+/// The code of an invitation that is refused.
 const NOT_INVITED: &str = "E0938";
-/// The code where the centre can't issue a key, whoever asks.
+/// The code of a request that the centre can't process now.
 const NONE_ISSUED: &str = "E0939";
 
 /// What the centre signs with.
@@ -37,21 +37,21 @@ pub struct Signers {
     pub invitations: Option<SiteSigner>,
 }
 
-/// How somebody asks for a key.
+/// How a key is requested.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum KeyWish {
+pub enum KeyRequestKind {
     /// By an invitation: `rb.join.SITE`.
     Join,
     /// With the key itself: `rb.up.SITE.renew`.
     Renew,
 }
 
-impl KeyWish {
+impl KeyRequestKind {
     /// The code of a refusal.
     const fn refused(self) -> &'static str {
         match self {
-            KeyWish::Join => NOT_INVITED,
-            KeyWish::Renew => NOT_RENEWED,
+            KeyRequestKind::Join => NOT_INVITED,
+            KeyRequestKind::Renew => NOT_RENEWED,
         }
     }
 }
@@ -61,7 +61,7 @@ impl KeyWish {
 pub struct VerifiedRequest {
     site: String,
     key: String,
-    wish: KeyWish,
+    kind: KeyRequestKind,
     claims: SiteClaims,
 }
 
@@ -73,15 +73,15 @@ fn refusal(code: &str, reason: &str) -> FleetRefusal {
     }
 }
 
-/// Why a key is not issued to who asks for it all the time.
+/// The refusal of a requester that exceeds the rate limit.
 #[must_use]
-pub fn too_often() -> FleetRefusal {
+pub fn rate_limited() -> FleetRefusal {
     refusal(NONE_ISSUED, "it was asked for too often: wait ten seconds")
 }
 
-/// Why no key is issued by a centre that has none to sign with.
+/// The refusal of a centre without the key that signs.
 #[must_use]
-pub fn not_signing() -> FleetRefusal {
+pub fn no_signing_key() -> FleetRefusal {
     refusal(NONE_ISSUED, "the centre has no key to sign with")
 }
 
@@ -102,17 +102,17 @@ pub fn keys_subject(site: &str) -> String {
 ///
 /// # Errors
 /// What it shows was not signed by the centre, or is not valid any more, or not of this site.
-pub fn wanted(
+pub fn verify(
     signers: &Signers,
-    wish: KeyWish,
+    kind: KeyRequestKind,
     site: &str,
     payload: &[u8],
     now: u64,
 ) -> Result<VerifiedRequest, FleetRefusal> {
-    let code = wish.refused();
-    let signer = match wish {
-        KeyWish::Join => signers.invitations.as_ref().ok_or_else(not_signing)?,
-        KeyWish::Renew => &signers.sites,
+    let code = kind.refused();
+    let signer = match kind {
+        KeyRequestKind::Join => signers.invitations.as_ref().ok_or_else(no_signing_key)?,
+        KeyRequestKind::Renew => &signers.sites,
     };
     let request = (payload.len() <= REQUEST_MAX).then(|| KeyRequest::decode(payload).ok());
     let request = request
@@ -125,9 +125,9 @@ pub fn wanted(
     if claims.issued > now.saturating_add(BEHIND_MAX_S) {
         return Err(refusal(NONE_ISSUED, "the clock of the centre is behind"));
     }
-    let key = match wish {
-        KeyWish::Join => request.key,
-        KeyWish::Renew => claims.key.clone(),
+    let key = match kind {
+        KeyRequestKind::Join => request.key,
+        KeyRequestKind::Renew => claims.key.clone(),
     };
     if !is_site_key(&key) {
         return Err(refusal(code, "this is no public key of a site"));
@@ -135,18 +135,18 @@ pub fn wanted(
     Ok(VerifiedRequest {
         site: site.to_owned(),
         key,
-        wish,
+        kind,
         claims,
     })
 }
 
 impl VerifiedRequest {
-    /// What distinguishes who asks: the number of his invitation, or his key.
+    /// Identifies the requester: the number of the invitation, or the key.
     #[must_use]
-    pub fn asker(&self) -> &str {
-        match self.wish {
-            KeyWish::Join => &self.claims.id,
-            KeyWish::Renew => &self.key,
+    pub fn requester(&self) -> &str {
+        match self.kind {
+            KeyRequestKind::Join => &self.claims.id,
+            KeyRequestKind::Renew => &self.key,
         }
     }
 
@@ -162,7 +162,7 @@ impl VerifiedRequest {
         document: Option<&[u8]>,
         now: u64,
     ) -> Result<(Vec<u8>, Vec<u8>), FleetRefusal> {
-        let code = self.wish.refused();
+        let code = self.kind.refused();
         let mut known = read(document).map_err(|reason| refusal(code, &reason))?;
         forget_old(&mut known, now);
         let until_s = now.saturating_add(SITE_VALID_S);
@@ -170,21 +170,21 @@ impl VerifiedRequest {
         if noted.as_ref().is_some_and(|noted| noted.is_revoked) {
             return Err(refusal(code, "the key was revoked"));
         }
-        let invitation = match self.wish {
-            KeyWish::Renew => String::new(),
-            KeyWish::Join => self.claims.id.clone(),
+        let invitation = match self.kind {
+            KeyRequestKind::Renew => String::new(),
+            KeyRequestKind::Join => self.claims.id.clone(),
         };
         if self.claims.issued <= known.revoked_s {
             return Err(refusal(code, "the keys of this site were revoked since"));
         }
         match noted {
-            Some(noted) if self.wish == KeyWish::Renew || noted.invitation == invitation => {
+            Some(noted) if self.kind == KeyRequestKind::Renew || noted.invitation == invitation => {
                 noted.until_s = noted.until_s.max(until_s);
             }
             Some(_) => return Err(refusal(code, "the key is there already")),
             None => {
                 let is_used = |noted: &IssuedKey| noted.invitation == invitation;
-                if self.wish == KeyWish::Join && known.keys.iter().any(is_used) {
+                if self.kind == KeyRequestKind::Join && known.keys.iter().any(is_used) {
                     return Err(refusal(code, "it was used before"));
                 }
                 if known.keys.len() >= KEYS_MAX {
@@ -198,7 +198,7 @@ impl VerifiedRequest {
                 });
             }
         }
-        // Not before what it is signed for: that was signed after the last revocation.
+        // Not earlier than the claims in the request, which are later than the last revocation.
         let issued = now.max(self.claims.issued);
         let token = signers
             .sites
@@ -232,10 +232,10 @@ pub fn revoke_noted(
             });
         }
     }
-    // The clocks of those who revoke differ.
+    // Several machines may revoke, and their clocks differ.
     let is_ahead = known.revoked_s > now.saturating_add(DAY_S);
     known.revoked_s = match is_ahead {
-        // That one was so wrong that nobody could join any more.
+        // The earlier clock was more than a day ahead: all requests would be refused until then.
         true => now,
         false => known.revoked_s.max(now),
     };

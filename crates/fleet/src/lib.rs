@@ -23,7 +23,7 @@ const DAY_S: u64 = 86_400;
 /// How long the key of a site is valid, in seconds: 90 days.
 pub const SITE_VALID_S: u64 = 90 * DAY_S;
 /// A key that is valid for less than this should have been renewed long ago, in seconds: 21 days.
-pub const KEY_ENDS_SOON_S: i64 = 21 * 86_400;
+pub const KEY_ENDS_SOON_S: u64 = 21 * DAY_S;
 
 /// How long the centre waits for an answer of a site's API.
 pub const API_ANSWER_MAX: std::time::Duration = std::time::Duration::from_secs(25);

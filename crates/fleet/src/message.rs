@@ -64,10 +64,10 @@ pub struct FleetRefusal {
     pub reason: String,
 }
 
-/// Who wants a key of a site, or his own for longer.
+/// A request for a key of a site, or to renew one.
 #[derive(Clone, PartialEq, Eq, prost::Message)]
 pub struct KeyRequest {
-    /// The signed claims that he has: of the invitation, or of the key.
+    /// The signed claims of the invitation, or of the key.
     #[prost(string, tag = "1")]
     pub token: String,
     /// With an invitation: the public key that is to be the site's.

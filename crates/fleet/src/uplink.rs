@@ -207,11 +207,13 @@ impl Uplink {
         self.renewal.set_claims(claims, token);
     }
 
-    /// For how many seconds its key is still valid, at this time since the start and of the wall
-    /// clock in milliseconds since 1970; none where it does not expire.
+    /// When its key expires, in seconds since 1970, if that is within so many seconds; none
+    /// otherwise. `now` is the time since the start, `clock_ms` the wall clock in milliseconds
+    /// since 1970, which counts only as long as that of the centre is not known.
     #[must_use]
-    pub fn key_left(&self, now: Duration, clock_ms: i64) -> Option<u64> {
-        self.renewal.left(now, clock_ms).map(|(left, _)| left)
+    pub fn key_ends(&self, now: Duration, clock_ms: i64, within_s: u64) -> Option<i64> {
+        let (left, _) = self.renewal.left(now, clock_ms)?;
+        self.key_expires_s.filter(|_| left < within_s)
     }
 
     /// Something happened, at this time since the start.

@@ -300,6 +300,7 @@ const REASONS: &[[&str; 2]] = &[
         "已过期，或不属于该站群和站点",
     ],
     ["the clock of the centre is behind", "中心的时钟过慢"],
+    ["another invitation is being accepted", "正在接受另一份邀请"],
     ["this is no public key of a site", "不是站点的公钥"],
     [
         "it was asked for too often: wait ten seconds",

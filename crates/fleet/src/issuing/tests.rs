@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::creds::{read_site_creds, site_token};
+use crate::dice::Dice;
 use nkeys::KeyPair;
 
 const NOW: u64 = 1_800_000_000;
@@ -13,7 +14,7 @@ struct Hub {
     document: Option<Vec<u8>>,
 }
 
-/// Somebody's credentials: his claims and his public key.
+/// Credentials: the signed claims and the public key.
 struct Own {
     token: String,
     key: String,
@@ -47,7 +48,7 @@ impl Hub {
     /// What comes of a request: what the claims say, or why there are none.
     fn ask(
         &mut self,
-        wish: KeyWish,
+        kind: KeyRequestKind,
         site: &str,
         (token, key): (&str, &str),
         now: u64,
@@ -57,7 +58,7 @@ impl Hub {
             key: key.to_owned(),
         };
         let request = request.encode_to_vec();
-        let granted = wanted(&self.signers, wish, site, &request, now)
+        let granted = verify(&self.signers, kind, site, &request, now)
             .and_then(|wanted| wanted.grant(&self.signers, self.document.as_deref(), now));
         let (document, answer) = granted.map_err(|refusal| refusal.reason)?;
         self.document = Some(document);
@@ -69,11 +70,11 @@ impl Hub {
     }
 
     fn join(&mut self, by: &Own, key: &str, now: u64) -> Result<SiteClaims, String> {
-        self.ask(KeyWish::Join, "plant7", (&by.token, key), now)
+        self.ask(KeyRequestKind::Join, "plant7", (&by.token, key), now)
     }
 
     fn renew(&mut self, by: &Own, now: u64) -> Result<SiteClaims, String> {
-        self.ask(KeyWish::Renew, "plant7", (&by.token, ""), now)
+        self.ask(KeyRequestKind::Renew, "plant7", (&by.token, ""), now)
     }
 
     fn invitations(&self) -> &SiteSigner {
@@ -124,7 +125,7 @@ fn an_invitation_is_none_that_is_old_revoked_of_another_site_or_no_invitation() 
     assert_eq!(hub.join(&site, &key, NOW), not_signed);
     let foreign = Hub::new().invitation(NOW);
     assert_eq!(hub.join(&foreign, &key, NOW), not_signed);
-    // One of before a revocation, which nobody had used.
+    // An unused invitation that was made before a revocation.
     hub.revoke(&[], NOW + 1);
     let revoked = Err("the keys of this site were revoked since".to_owned());
     assert_eq!(hub.join(&invitation, &key, NOW + 2), revoked);
@@ -144,7 +145,12 @@ fn a_key_is_renewed_for_itself_only_and_not_once_it_was_revoked() {
     let mut hub = Hub::new();
     let made = own(&hub.signers.sites, "plant7", NOW);
     let renewed = hub
-        .ask(KeyWish::Renew, "plant7", (&made.token, &new_key()), NOW + 7)
+        .ask(
+            KeyRequestKind::Renew,
+            "plant7",
+            (&made.token, &new_key()),
+            NOW + 7,
+        )
         .unwrap();
     assert_eq!(renewed.key, made.key);
     assert_eq!(renewed.expires, Some(NOW + 7 + SITE_VALID_S));
@@ -211,6 +217,105 @@ fn a_fleet_without_invitations_renews_keys_all_the_same() {
     assert_eq!(hub.join(&invitation, &new_key(), NOW + 1), none);
 }
 
+/// One step of a process that reads the document of a site, changes it, and stores it if it has not
+/// changed meanwhile.
+enum Step {
+    Read,
+    /// Stores what it made of the document with this revision.
+    Store(usize, Vec<u8>, Outcome),
+}
+
+/// What a process has once its document is stored.
+enum Outcome {
+    Issued(String),
+    Revoked(Vec<String>),
+}
+
+/// Joins at two processes of the centre and a revocation, their steps in any order: a key that was
+/// handed out is one that the revocation knows, or its invitation is later than the revocation.
+#[test]
+fn whatever_comes_between_two_steps_a_revocation_knows_every_earlier_key() {
+    let hub = Hub::new();
+    let invitations: Vec<Own> = (0..2).map(|_| hub.invitation(NOW)).collect();
+    let later = hub.invitation(NOW + 2);
+    let keys: Vec<String> = (0..4).map(|_| new_key()).collect();
+    // Process, invitation and key: two contend for one invitation.
+    let joins = [
+        (&invitations[0], &keys[0]),
+        (&invitations[0], &keys[1]),
+        (&invitations[1], &keys[2]),
+        (&later, &keys[3]),
+    ];
+    let (mut issued_before, mut issued_later) = (0, 0);
+    for seed in 0..60 {
+        let mut dice = Dice(seed * 7_919);
+        // Each version of the document; the last one is the latest.
+        let mut versions: Vec<Option<Vec<u8>>> = vec![None];
+        let mut steps: Vec<Option<Step>> = (0..=joins.len()).map(|_| Some(Step::Read)).collect();
+        let (mut issued, mut revoked) = (Vec::new(), None);
+        while steps.iter().any(Option::is_some) {
+            let at = usize::try_from(dice.roll(steps.len() as u64)).unwrap();
+            let Some(step) = steps[at].take() else {
+                continue;
+            };
+            match step {
+                Step::Read => {
+                    let latest = versions.last().unwrap().as_deref();
+                    let made = match joins.get(at) {
+                        Some((by, key)) => {
+                            let request = KeyRequest {
+                                token: by.token.clone(),
+                                key: (*key).clone(),
+                            };
+                            let request = request.encode_to_vec();
+                            let kind = KeyRequestKind::Join;
+                            let now = NOW + 3;
+                            let verified = verify(&hub.signers, kind, "plant7", &request, now);
+                            let granted = verified.unwrap().grant(&hub.signers, latest, now);
+                            let granted = granted.ok();
+                            granted.map(|(document, _)| (document, Outcome::Issued((*key).clone())))
+                        }
+                        None => {
+                            let (document, keys) = revoke_noted(latest, &[], NOW + 1).unwrap();
+                            let keys = keys.into_iter().map(|issued| issued.key).collect();
+                            Some((document, Outcome::Revoked(keys)))
+                        }
+                    };
+                    let revision = versions.len();
+                    steps[at] =
+                        made.map(|(document, outcome)| Step::Store(revision, document, outcome));
+                }
+                Step::Store(revision, ..) if revision != versions.len() => {
+                    steps[at] = Some(Step::Read);
+                }
+                Step::Store(_, document, outcome) => {
+                    versions.push(Some(document));
+                    match outcome {
+                        Outcome::Issued(key) => issued.push(key),
+                        Outcome::Revoked(keys) => revoked = Some(keys),
+                    }
+                }
+            }
+        }
+        let revoked = revoked.unwrap();
+        for key in &issued {
+            assert!(
+                revoked.contains(key) || key == &keys[3],
+                "seed {seed}: {key}"
+            );
+        }
+        let both = issued.contains(&keys[0]) && issued.contains(&keys[1]);
+        assert!(!both, "seed {seed}: one invitation was used twice");
+        issued_before += issued.iter().filter(|key| **key != keys[3]).count();
+        issued_later += usize::from(issued.contains(&keys[3]) && !revoked.contains(&keys[3]));
+    }
+    // All of it happened.
+    assert!(
+        issued_before > 10 && issued_later > 10,
+        "{issued_before} {issued_later}"
+    );
+}
+
 #[test]
 fn the_document_of_a_site_does_not_grow_for_ever() {
     let mut hub = Hub::new();
@@ -242,7 +347,7 @@ fn what_cannot_be_read_is_refused_and_not_replaced() {
     assert!(end.starts_with("the noted keys can't be read"), "{end}");
     assert!(revoke_noted(hub.document.as_deref(), &[], NOW).is_err());
     for payload in [&b"\xff"[..], &[0; REQUEST_MAX + 1]] {
-        let end = wanted(&hub.signers, KeyWish::Join, "plant7", payload, NOW);
+        let end = verify(&hub.signers, KeyRequestKind::Join, "plant7", payload, NOW);
         assert_eq!(end.unwrap_err().code, NOT_INVITED);
     }
 }

@@ -11,30 +11,31 @@ use railbus_api::problem::{Problem, codes};
 use railbus_fleet::SiteSigner;
 use railbus_fleet::centre::StoreEnd;
 use railbus_fleet::issuing::{
-    KeyWish, Signers, VerifiedRequest, keys_subject, not_signing, refused, revoke_noted, too_often,
-    wanted,
+    KeyRequestKind, Signers, VerifiedRequest, keys_subject, no_signing_key, rate_limited, refused,
+    revoke_noted, verify,
 };
 use railbus_fleet::message::IssuedKey;
+use railbus_store::history::millis;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::{Duration, SystemTime};
 use tokio::task::JoinHandle;
 use tokio::time::Instant;
 
-/// How often a document is read again that another one changed meanwhile.
+/// How often a document is read again after a conflict.
 const TRIES: usize = 5;
-/// Whoever asks more often than so within this time is refused.
+/// The rate limit: so many requests of one requester in this time.
 const PACE: Duration = Duration::from_secs(10);
 const PACE_MAX: u32 = 10;
 /// The stream of the documents.
 const STREAM: &str = "FLEET";
 
 /// What answers requests for keys. Ends with its connection.
-pub(super) struct KeyDesk(JoinHandle<()>);
+pub(super) struct KeyIssuer(JoinHandle<()>);
 
-impl Drop for KeyDesk {
+impl Drop for KeyIssuer {
     fn drop(&mut self) {
-        // A key that is noted and not answered is asked for again.
+        // A request that was recorded but not answered is repeated by the site.
         self.0.abort();
     }
 }
@@ -65,9 +66,9 @@ fn signers(files: &HubFiles) -> Result<Signers, Problem> {
     })
 }
 
+/// The wall clock, in seconds since 1970.
 fn now_s() -> u64 {
-    let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
-    since.map(|since| since.as_secs()).unwrap_or_default()
+    u64::try_from(millis(SystemTime::now()) / 1_000).unwrap_or_default()
 }
 
 /// Answers requests for keys on this connection from now on.
@@ -79,13 +80,13 @@ pub(super) fn open(
     client: Client,
     streams: Context,
     requests: KeyRequests,
-) -> (KeyDesk, Result<(), Problem>) {
+) -> (KeyIssuer, Result<(), Problem>) {
     let (signers, end) = match signers(files) {
         Ok(signers) => (Some(signers), Ok(())),
         Err(problem) => (None, Err(problem)),
     };
     let desk = tokio::spawn(serve(signers, client, streams, requests));
-    (KeyDesk(desk), end)
+    (KeyIssuer(desk), end)
 }
 
 async fn serve(
@@ -96,9 +97,9 @@ async fn serve(
 ) {
     let mut asked = BTreeMap::new();
     loop {
-        let (wish, message) = tokio::select! {
-            message = next(&mut requests.joins) => (KeyWish::Join, message),
-            message = next(&mut requests.renewals) => (KeyWish::Renew, message),
+        let (kind, message) = tokio::select! {
+            message = next(&mut requests.joins) => (KeyRequestKind::Join, message),
+            message = next(&mut requests.renewals) => (KeyRequestKind::Renew, message),
         };
         let Some(message) = message else {
             return;
@@ -108,12 +109,12 @@ async fn serve(
         };
         // `rb.join.SITE` and `rb.up.SITE.renew`.
         let site = message.subject.split('.').nth(2).unwrap_or_default();
-        let signing = signers.as_ref().ok_or_else(not_signing);
+        let signing = signers.as_ref().ok_or_else(no_signing_key);
         let verified = signing.and_then(|signers| {
-            let verified = wanted(signers, wish, site, &message.payload, now_s())?;
-            // Only of whoever may ask: nobody else can use up his turns.
-            match is_too_often(&mut asked, verified.asker(), Instant::now()) {
-                true => Err(too_often()),
+            let verified = verify(signers, kind, site, &message.payload, now_s())?;
+            // Only verified requests count, so that others can't exhaust the limit.
+            match exceeds_rate(&mut asked, verified.requester(), Instant::now()) {
+                true => Err(rate_limited()),
                 false => Ok((signers, verified)),
             }
         });
@@ -122,21 +123,25 @@ async fn serve(
             Err(refusal) => Some(refused(refusal)),
         };
         if let Some(answer) = answer {
-            // Fails if the connection has ended: it is asked for again.
+            // Fails if the connection has ended: the site retries.
             let _ = client.publish(reply, answer.into()).await;
         }
     }
 }
 
-/// Whether somebody asks so often that others would have to wait.
-fn is_too_often(asked: &mut BTreeMap<String, (Instant, u32)>, asker: &str, now: Instant) -> bool {
+/// Whether a requester exceeds the rate limit.
+fn exceeds_rate(
+    asked: &mut BTreeMap<String, (Instant, u32)>,
+    requester: &str,
+    now: Instant,
+) -> bool {
     asked.retain(|_, (since, _)| now.saturating_duration_since(*since) < PACE);
-    let (_, count) = asked.entry(asker.to_owned()).or_insert((now, 0));
+    let (_, count) = asked.entry(requester.to_owned()).or_insert((now, 0));
     *count = count.saturating_add(1);
     *count > PACE_MAX
 }
 
-/// The answer to a request; none if it could not be decided: it is repeated then.
+/// The answer to a request; none if it could not be decided: the site retries.
 async fn issue(
     signers: &Signers,
     streams: &Context,
@@ -192,7 +197,7 @@ pub(super) async fn revoke(
             }
         }
     }
-    Err(failed(&"others change it all the time"))
+    Err(failed(&"too many conflicts"))
 }
 
 #[cfg(test)]
@@ -202,7 +207,7 @@ mod tests {
     #[test]
     fn who_asks_all_the_time_is_refused_and_nobody_else() {
         let (mut asked, now) = (BTreeMap::new(), Instant::now());
-        let mut often = |asker, after| is_too_often(&mut asked, asker, now + after);
+        let mut often = |requester, after| exceeds_rate(&mut asked, requester, now + after);
         for _ in 0..PACE_MAX {
             assert!(!often("a", Duration::ZERO));
         }

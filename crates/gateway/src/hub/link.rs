@@ -1,6 +1,6 @@
 //! The centre's connection to its servers, and the streams it has there.
 
-use super::keys::{self, KeyDesk, KeyRequests};
+use super::keys::{self, KeyIssuer, KeyRequests};
 use super::site_api::SiteWay;
 use crate::nats::{next, unreached, unusable};
 use crate::northbound::broker::trusting;
@@ -91,7 +91,7 @@ pub(super) struct Link {
     /// What is wanted of sites and came of it, as it is stored.
     pub(super) commands: Ordered,
     /// Answers requests for keys.
-    _keys: KeyDesk,
+    _keys: KeyIssuer,
 }
 
 fn no_streams(reason: &dyn ToString) -> Problem {

@@ -298,7 +298,8 @@ async fn join(Path((kind, outlet)): Path<(String, String)>, order: Order) -> Ans
     // One at a time: two could not both have the outlet.
     let joins = Arc::clone(&order.site.northbound.joins);
     let Ok(_turn) = joins.try_lock() else {
-        return answer::problem(&Problem::new(codes::OVERLOADED));
+        let busy = "another invitation is being accepted";
+        return answer::problem(&Problem::new(codes::NO_KEY).with("reason", busy));
     };
     let end = async {
         let kind = kind_of(&kind)?;

@@ -98,6 +98,19 @@ fn it_asks_again_every_hour_until_it_has_other_claims() {
 }
 
 #[test]
+fn a_key_that_ends_soon_is_known_by_the_clock_of_the_centre() {
+    // The clock of the site is years behind.
+    let centre = SITE_NOW + 1_000 * DAY;
+    let mut site = site(centre, 60 * DAY);
+    let expires = i64::try_from(centre + 30 * DAY).unwrap();
+    let clock_ms = i64::try_from(SITE_NOW * 1_000).unwrap();
+    let ends = |site: &Site| site.uplink.key_ends(site.now, clock_ms, 21 * DAY);
+    assert_eq!(ends(&site), None);
+    site.now += Duration::from_secs(9 * DAY + 1);
+    assert_eq!(ends(&site), Some(expires));
+}
+
+#[test]
 fn without_a_session_it_does_not_ask() {
     let mut site = site(SITE_NOW, 80 * DAY);
     site.handle(UplinkInput::Lost);

@@ -95,7 +95,7 @@ pub(super) async fn run(outlet: Outlet) -> Result<(), Problem> {
     let days = outlet.number("replay_days");
     let installation = installation(&outlet)?;
     let configured = Configured::of(&outlet.service.config(), outlet.kind.name);
-    files::sweep(&outlet.folder, &configured);
+    files::remove_stale(&outlet.folder, &configured);
     let boot = random().map_err(|error| internal(&error))?;
     let outbox = outbox::start_for_again(&outlet, days)?;
     let own = SiteIdentity {
@@ -299,13 +299,12 @@ impl Driver {
     /// Says once that its key ends soon, by the clock of the centre.
     fn tell_key_end(&mut self) {
         let clock_ms = millis(SystemTime::now());
-        let left = self.uplink.key_left(self.run.now(), clock_ms);
-        let left = left.and_then(|left| i64::try_from(left).ok());
-        let ends = left.filter(|left| *left < KEY_ENDS_SOON_S);
-        if let Some(left) = ends.filter(|_| self.has_worked && !self.is_key_end_said) {
+        let ends = self
+            .uplink
+            .key_ends(self.run.now(), clock_ms, KEY_ENDS_SOON_S);
+        if let Some(at) = ends.filter(|_| self.has_worked && !self.is_key_end_said) {
             self.is_key_end_said = true;
-            let at = day((clock_ms / 1_000).saturating_add(left));
-            let problem = Problem::new(codes::FLEET_KEY_ENDS).with("reason", at);
+            let problem = Problem::new(codes::FLEET_KEY_ENDS).with("reason", day(at));
             self.outlet.report.noted(problem, 1);
         }
     }
@@ -528,7 +527,7 @@ impl Driver {
             let config = self.outlet.service.config();
             let configured = Configured::of(&config, self.outlet.kind.name);
             let (folder, name) = (&self.outlet.folder, &self.outlet.name);
-            files::forget(folder, name, &credentials, &configured);
+            files::remove_of(folder, name, &credentials, &configured);
         }
     }
 }

@@ -1,6 +1,5 @@
-//! The files of a site in its state folder: keys that it made itself. Their names have the key in
-//! them: with another key the settings change, and the ones of before go on to work if the change
-//! is undone.
+//! The files of a site in its state folder: keys that it made itself. Their names contain the key:
+//! with another key the settings change, and if that is undone, the earlier ones are still there.
 
 use super::settings::FleetAccess;
 use crate::nats::unusable;
@@ -8,6 +7,7 @@ use railbus_api::problem::Problem;
 use railbus_fleet::{public_site_key, read_site_creds};
 use railbus_site::Config;
 use railbus_store::durable;
+use railbus_store::history::millis;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -62,11 +62,12 @@ impl SiteFiles {
         let name = format!("{PREFIX}{JOINING}{}{PENDING}", shown(invitation));
         self.folder.join(name)
     }
+}
 
-    pub(super) fn write(&self, path: &Path, text: &str, mode: u32) -> Result<(), Problem> {
-        let end = durable::replace(path, text.as_bytes(), Some(mode));
-        end.map_err(|error| unusable(path, &error))
-    }
+/// Replaces a file, with these permissions.
+pub(super) fn write(path: &Path, text: &str, mode: u32) -> Result<(), Problem> {
+    let end = durable::replace(path, text.as_bytes(), Some(mode));
+    end.map_err(|error| unusable(path, &error))
 }
 
 fn shown(key: &str) -> String {
@@ -97,61 +98,85 @@ impl Configured {
     }
 }
 
-/// Removes what no outlet names and is of no use any more: keys that were made for invitations that
-/// were accepted, keys that have expired, and those of outlets that are gone. What can't be removed
-/// stays.
-pub(super) fn sweep(folder: &Path, configured: &Configured) {
+/// A file of the state folder that no outlet names.
+struct Unnamed<'f> {
+    path: &'f Path,
+    /// Its name without the prefix.
+    name: &'f str,
+    /// How long ago it was written; none if that is not known.
+    age: Option<Duration>,
+}
+
+impl Unnamed<'_> {
+    fn is_older(&self, than: Duration) -> bool {
+        self.age.is_some_and(|age| age > than)
+    }
+
+    fn text(&self) -> String {
+        std::fs::read_to_string(self.path).unwrap_or_default()
+    }
+
+    /// Whether it is of no use any more, at this time in seconds since 1970.
+    fn is_stale(&self, configured: &Configured, now_s: u64) -> bool {
+        if let Some(id) = self.name.strip_prefix(JOINING) {
+            let is_key = id.ends_with(PENDING);
+            return is_key && (self.is_older(PENDING_MAX) || self.is_accepted(configured));
+        }
+        let Some((outlet, rest)) = self.name.split_once('-') else {
+            return false;
+        };
+        let is_of_none = !configured.outlets.contains(outlet);
+        if rest.ends_with(CREDS) {
+            let claims = read_site_creds(&self.text()).ok();
+            let expires = claims.and_then(|claims| claims.expires);
+            let has_expired = expires.is_some_and(|at| at < now_s);
+            return has_expired || is_of_none && self.is_older(ADDED_MAX);
+        }
+        let Some(key) = rest.strip_suffix(CA) else {
+            return false;
+        };
+        let creds = format!("{PREFIX}{outlet}-{key}{CREDS}");
+        let has_creds = self.path.with_file_name(creds).exists();
+        (is_of_none || !has_creds) && self.is_older(ADDED_MAX)
+    }
+
+    /// Whether an outlet has the credentials of this key.
+    fn is_accepted(&self, configured: &Configured) -> bool {
+        let Ok(key) = public_site_key(self.text().trim()) else {
+            return false;
+        };
+        let end = format!("-{}{CREDS}", shown(&key));
+        let mut files = configured.files.iter();
+        files.any(|file| file.to_string_lossy().ends_with(&end))
+    }
+}
+
+/// Removes what no outlet names and is of no use any more: keys of accepted invitations, keys that
+/// have expired, and those of outlets that are gone. What can't be removed stays.
+pub(super) fn remove_stale(folder: &Path, configured: &Configured) {
     let now = SystemTime::now();
-    let now_s = now.duration_since(SystemTime::UNIX_EPOCH);
-    let now_s = now_s.map(|since| since.as_secs()).unwrap_or_default();
+    let now_s = u64::try_from(millis(now) / 1_000).unwrap_or_default();
     let all = std::fs::read_dir(folder).into_iter().flatten().flatten();
     for path in all.map(|entry| entry.path()) {
         let name = path.file_name().and_then(|name| name.to_str());
         let Some(name) = name.and_then(|name| name.strip_prefix(PREFIX)) else {
             continue;
         };
-        if configured.files.contains(&path) {
-            continue;
-        }
         let written = path.metadata().and_then(|file| file.modified()).ok();
-        let age = written.and_then(|at| now.duration_since(at).ok());
-        let is_older = |than: Duration| age.is_some_and(|age| age > than);
-        let text = || std::fs::read_to_string(&path).unwrap_or_default();
-        let is_useless = if let Some(key) = name.strip_prefix(JOINING) {
-            let is_configured = || {
-                let key = public_site_key(text().trim());
-                key.is_ok_and(|key| {
-                    let end = format!("-{}{CREDS}", shown(&key));
-                    let mut files = configured.files.iter();
-                    files.any(|file| file.to_string_lossy().ends_with(&end))
-                })
-            };
-            key.ends_with(PENDING) && (is_configured() || is_older(PENDING_MAX))
-        } else if let Some((outlet, rest)) = name.split_once('-') {
-            let is_gone = || !configured.outlets.contains(outlet) && is_older(ADDED_MAX);
-            if let Some(key) = rest.strip_suffix(CA) {
-                let creds = folder.join(format!("{PREFIX}{outlet}-{key}{CREDS}"));
-                is_gone() || !creds.exists() && is_older(ADDED_MAX)
-            } else if rest.ends_with(CREDS) {
-                let claims = read_site_creds(&text());
-                let has_expired =
-                    claims.is_ok_and(|claims| claims.expires.is_some_and(|at| at < now_s));
-                is_gone() || has_expired
-            } else {
-                false
-            }
-        } else {
-            false
+        let file = Unnamed {
+            path: &path,
+            name,
+            age: written.and_then(|at| now.duration_since(at).ok()),
         };
-        if is_useless {
-            let _ = std::fs::remove_file(path);
+        if !configured.files.contains(&path) && file.is_stale(configured, now_s) {
+            let _ = std::fs::remove_file(&path);
         }
     }
 }
 
-/// The outlet with these credentials is there no longer. They are not needed any more, if they were
-/// made here and no other outlet has them.
-pub(super) fn forget(folder: &Path, name: &str, credentials: &Path, configured: &Configured) {
+/// Removes the credentials of an outlet that is gone, if they were made here and no other outlet
+/// has them.
+pub(super) fn remove_of(folder: &Path, name: &str, credentials: &Path, configured: &Configured) {
     let file = credentials.file_name().and_then(|file| file.to_str());
     let key = file.and_then(|file| {
         let rest = file.strip_prefix(PREFIX)?.strip_prefix(name)?;
@@ -230,7 +255,7 @@ mod tests {
             files: [creds, &files(hq).ca(&key)].map(Path::to_owned).into(),
             outlets: [hq, "hq_2"].map(str::to_owned).into(),
         };
-        sweep(&folder, &configured_now(&configured));
+        remove_stale(&folder, &configured_now(&configured));
         for path in &stay {
             assert!(path.exists(), "{}", path.display());
         }
@@ -239,11 +264,11 @@ mod tests {
         }
         // One that was made by hand is not ours, nor is one that another outlet names.
         let by_hand = folder.join("hq.creds");
-        forget(&folder, hq, &by_hand, &configured_now(&by_hand));
+        remove_of(&folder, hq, &by_hand, &configured_now(&by_hand));
         assert!(by_hand.exists());
-        forget(&folder, hq, &configured, &configured_now(&configured));
+        remove_of(&folder, hq, &configured, &configured_now(&configured));
         assert!(configured.exists());
-        forget(&folder, hq, &configured, &configured_now(&by_hand));
+        remove_of(&folder, hq, &configured, &configured_now(&by_hand));
         assert!(!configured.exists() && files(hq).creds("UBEFORE").exists());
         std::fs::remove_dir_all(&folder).unwrap();
     }

@@ -2,7 +2,7 @@
 //! claims for it by the centre.
 
 use super::connection::{CONNECT_MAX, credentials, servers_of};
-use super::files::SiteFiles;
+use super::files::{SiteFiles, write};
 use super::settings::FleetAccess;
 use crate::access::secret::Secret;
 use crate::nats::{unreached, unusable};
@@ -28,10 +28,10 @@ use std::time::Duration;
 const ANSWER_MAX: Duration = Duration::from_secs(10);
 
 /// How long all of it may take: callers wait for 30 s.
-const ASKED_MAX: Duration = Duration::from_secs(25);
+const REQUEST_MAX: Duration = Duration::from_secs(25);
 
 /// What was made for an invitation before the centre is asked.
-struct Prepared {
+struct PendingJoin {
     invitation: Invitation,
     files: SiteFiles,
     /// The seed of the key.
@@ -43,12 +43,12 @@ fn not_invited(reason: &dyn ToString) -> Problem {
     Problem::new(codes::NOT_INVITED).with("reason", reason.to_string())
 }
 
-/// Accepts an invitation. What it leaves in the state folder is what the outlet needs.
+/// Accepts an invitation: writes the key, the credentials and the authority to the state folder.
 pub(super) async fn join(invited: Invited) -> Result<Joined, Problem> {
     // Disks may be slow, and lines must not wait for them.
     let prepared = at_disk(move || prepare(&invited)).await?;
     let late = || Problem::new(codes::FLEET_UNREACHED).with("reason", "no answer in time");
-    let token = tokio::time::timeout(ASKED_MAX, asked(&prepared)).await;
+    let token = tokio::time::timeout(REQUEST_MAX, request_claims(&prepared)).await;
     let token = token.map_err(|_| late())??;
     at_disk(move || finish(&prepared, &token)).await
 }
@@ -62,7 +62,7 @@ async fn at_disk<T: Send + 'static>(
 }
 
 /// Reads the invitation and makes the key for it.
-fn prepare(invited: &Invited) -> Result<Prepared, Problem> {
+fn prepare(invited: &Invited) -> Result<PendingJoin, Problem> {
     let invitation = Invitation::parse(invited.invitation.expose());
     let invitation = invitation.map_err(|error| not_invited(&error))?;
     if let Some(settings) = &invited.settings {
@@ -71,8 +71,8 @@ fn prepare(invited: &Invited) -> Result<Prepared, Problem> {
     let claims = read_site_creds(&invitation.creds).map_err(|error| not_invited(&error))?;
     let files = SiteFiles::new(Arc::clone(&invited.folder), &invited.name);
     let (seed, key) = pending_key(&files, &claims.id)?;
-    files.write(&files.ca(&key), &invitation.ca, 0o644)?;
-    Ok(Prepared {
+    write(&files.ca(&key), &invitation.ca, 0o644)?;
+    Ok(PendingJoin {
         invitation,
         files,
         seed,
@@ -81,7 +81,7 @@ fn prepare(invited: &Invited) -> Result<Prepared, Problem> {
 }
 
 /// Whether the invitation is of the fleet and the site of these settings: what the centre may
-/// switch, and what it has not got yet, are theirs.
+/// switch, and the changes that it has not received yet, are theirs.
 fn same_fleet(settings: &Keys, invitation: &Invitation) -> Result<(), Problem> {
     let access = FleetAccess::of(settings);
     // What can't be read may be what has to be replaced.
@@ -105,7 +105,8 @@ fn same_fleet(settings: &Keys, invitation: &Invitation) -> Result<(), Problem> {
 /// public key. The invitation counts for this key only, so it is kept until the outlet is
 /// configured.
 fn pending_key(files: &SiteFiles, invitation: &str) -> Result<(Secret, String), Problem> {
-    let broken = |error: CredsError| not_invited(&error);
+    let broken =
+        |error: CredsError| Problem::new(codes::INTERNAL).with("reason", error.to_string());
     let path = files.pending(invitation);
     match std::fs::read_to_string(&path) {
         Ok(seed) => {
@@ -117,13 +118,13 @@ fn pending_key(files: &SiteFiles, invitation: &str) -> Result<(Secret, String), 
         Err(error) => return Err(unusable(&path, &error)),
     }
     let (seed, key) = new_site_key().map_err(broken)?;
-    files.write(&path, &format!("{seed}\n"), 0o600)?;
+    write(&path, &format!("{seed}\n"), 0o600)?;
     Ok((Secret::new(seed), key))
 }
 
 /// Writes the credentials.
-fn finish(prepared: &Prepared, token: &str) -> Result<Joined, Problem> {
-    let Prepared {
+fn finish(prepared: &PendingJoin, token: &str) -> Result<Joined, Problem> {
+    let PendingJoin {
         invitation,
         files,
         seed,
@@ -132,7 +133,7 @@ fn finish(prepared: &Prepared, token: &str) -> Result<Joined, Problem> {
     let creds = joined_creds(&invitation.site, seed.expose(), token);
     let creds = creds.map_err(|error| not_invited(&error))?;
     let claims = read_site_creds(&creds).map_err(|error| not_invited(&error))?;
-    files.write(&files.creds(key), &creds, 0o600)?;
+    write(&files.creds(key), &creds, 0o600)?;
     let servers: Vec<String> = invitation.servers.iter().map(ToString::to_string).collect();
     let settings = json!({
         "servers": servers,
@@ -147,7 +148,7 @@ fn finish(prepared: &Prepared, token: &str) -> Result<Joined, Problem> {
 }
 
 /// Asks the centre for claims of the key.
-async fn asked(prepared: &Prepared) -> Result<String, Problem> {
+async fn request_claims(prepared: &PendingJoin) -> Result<String, Problem> {
     let invitation = &prepared.invitation;
     let client = connected(invitation, &prepared.files.ca(&prepared.key)).await?;
     let token = site_token(&invitation.creds).unwrap_or_default().to_owned();

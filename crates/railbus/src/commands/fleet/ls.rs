@@ -94,7 +94,8 @@ fn notes(lang: Lang, site: &FleetSite) -> String {
     });
     let until = site.key_until.as_deref();
     let until = until.and_then(|until| until.parse::<Timestamp>().ok());
-    let ends = until.filter(|at| at.as_second() < Timestamp::now().as_second() + KEY_ENDS_SOON_S);
+    let soon = super::now().saturating_add(KEY_ENDS_SOON_S);
+    let ends = until.filter(|at| u64::try_from(at.as_second()).is_ok_and(|at| at < soon));
     let key = ends.map(|at| {
         let day = at.strftime("%Y-%m-%d");
         lang.fill(FleetText::KeyEnds, &[("day", &day)])

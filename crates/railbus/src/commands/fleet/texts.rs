@@ -135,8 +135,8 @@ press Ctrl-C to stop",
     Invitation { en: "The invitation; - for standard input", zh: "邀请文件；- 表示标准输入" }
     IntegrationName { en: "The name of the integration [fleet]", zh: "集成的名称 [fleet]" }
     Joined {
-        en: "this site is {site} of the fleet now (integration {name})",
-        zh: "本站点现为站群中的 {site}（集成 {name}）",
+        en: "this site has the key of {site} now (integration {name})",
+        zh: "本站点已获得 {site} 的密钥（集成 {name}）",
     }
     JoinedNote {
         en: "the centre may switch what write in [outlet.{name}] names; without it, nothing",
