@@ -94,7 +94,7 @@ fn candidates(options: Options, words: &[String]) -> Vec<String> {
 }
 
 fn codes_of_findings() -> impl Iterator<Item = String> {
-    findings::ALL.iter().map(|finding| finding.code.to_owned())
+    findings::all().map(|finding| finding.code.to_owned())
 }
 
 /// Everything on the site that has a name.

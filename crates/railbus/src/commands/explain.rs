@@ -59,7 +59,7 @@ fn all() -> Vec<Explained> {
         page: code.page(),
         exit: Some(code.exit()),
     });
-    let findings = findings::ALL.iter().map(|finding| Explained {
+    let findings = findings::all().map(|finding| Explained {
         name: finding.code,
         page: finding.page,
         exit: None,
