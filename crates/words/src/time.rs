@@ -42,7 +42,7 @@ pub fn duration(lang: Lang, millis: u64) -> String {
 pub fn span(lang: Lang, seconds: u64) -> String {
     let (count, unit) = match seconds {
         0..60 => (seconds, ["s", "秒"]),
-        60..3_600 => (seconds / 60, ["min", "分"]),
+        60..3_600 => (seconds / 60, ["min", "分钟"]),
         3_600..86_400 => (seconds / 3_600, ["h", "小时"]),
         _ => (seconds / 86_400, ["d", "天"]),
     };
