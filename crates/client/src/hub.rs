@@ -37,7 +37,8 @@ impl HubClient {
     }
 
     /// The path of its socket.
-    pub(crate) fn socket(&self) -> &Path {
+    #[must_use]
+    pub fn socket(&self) -> &Path {
         &self.socket
     }
 

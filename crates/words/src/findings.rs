@@ -1,5 +1,5 @@
 //! The findings of `doctor` and `config check`, by their codes, for them and for `explain`. D1 is
-//! the machine and its ports, D2 the line, D3 modules, D5 the daemon; L is for
+//! the machine and its ports, D2 the line, D3 modules, D5 the daemon, D6 a fleet; L is for
 //! configurations that are valid but unwise (`lints`).
 
 mod lints;
@@ -460,6 +460,114 @@ const FINDINGS: &[FindingKind] = &[
         [
             "see its last error on the page Integrations, and test it there",
             "在“集成”页面查看最近错误，并进行测试",
+        ],
+    ),
+    finding(
+        "D601",
+        [
+            "the centre can't work with its servers",
+            "中心与服务器之间不正常",
+        ],
+        [
+            "servers not running · not reachable · the centre's key refused",
+            "服务器未运行 · 无法访问 · 拒绝了中心的密钥",
+        ],
+        [
+            "start the servers; railbus fleet ls shows the last error",
+            "启动服务器；railbus fleet ls 显示最近错误",
+        ],
+    ),
+    finding(
+        "D602",
+        ["sites are offline", "站点离线"],
+        [
+            "its daemon or machine is off · no network · its key expired or was revoked",
+            "守护进程或计算机已停止 · 网络中断 · 密钥到期或已吊销",
+        ],
+        [
+            "at the site: railbus outlet list shows why it does not connect",
+            "在站点上运行 railbus outlet list 查看未连接的原因",
+        ],
+    ),
+    finding(
+        "D603",
+        [
+            "not all values of these sites have arrived",
+            "站点的数值尚未全部到达",
+        ],
+        [
+            "they have just connected · a slow way to the servers",
+            "刚刚连接 · 到服务器的网络较慢",
+        ],
+        [
+            "wait a minute; then railbus fleet ls",
+            "等待一分钟，再运行 railbus fleet ls",
+        ],
+    ),
+    finding(
+        "D604",
+        [
+            "another machine uses the key of a site",
+            "另一台机器使用了站点的密钥",
+        ],
+        [
+            "a copied disk or folder · a stolen key",
+            "磁盘或文件夹被复制 · 密钥被盗",
+        ],
+        [
+            "railbus fleet revoke FLEET SITE, then a new key for the right machine",
+            "运行 railbus fleet revoke 站群文件夹 站点，再为正确的机器签发新密钥",
+        ],
+    ),
+    finding(
+        "D605",
+        ["the clock of a site is wrong", "站点的时钟不准"],
+        [
+            "no clock battery, and not yet synchronised with a time server",
+            "没有时钟电池的机器尚未与时间服务器同步",
+        ],
+        [
+            "at the site: timedatectl set-ntp true",
+            "在站点上运行 timedatectl set-ntp true",
+        ],
+    ),
+    finding(
+        "D606",
+        ["the key of a site expires soon", "站点的密钥即将到期"],
+        [
+            "no centre was there to renew it, or it refused to",
+            "没有可续期的中心，或中心拒绝续期",
+        ],
+        [
+            "at the site: railbus outlet list shows why it was not renewed",
+            "在站点上运行 railbus outlet list 查看未续期的原因",
+        ],
+    ),
+    finding(
+        "D607",
+        [
+            "the centre has messages that it can't read",
+            "中心收到无法识别的消息",
+        ],
+        [
+            "a site or another centre of another version",
+            "站点或另一个中心的版本不同",
+        ],
+        [
+            "the same version of railbus for the centre and its sites",
+            "使中心和站点的 railbus 版本一致",
+        ],
+    ),
+    finding(
+        "D608",
+        ["the centre replies incorrectly", "中心应答异常"],
+        [
+            "different version, or not responding",
+            "版本不同，或已停止响应",
+        ],
+        [
+            "restart railbus fleet serve",
+            "重新启动 railbus fleet serve",
         ],
     ),
 ];

@@ -24,6 +24,8 @@ pub enum Section {
     Config,
     /// The daemon.
     Daemon,
+    /// The sites of a fleet.
+    Fleet,
 }
 
 impl Section {
@@ -36,6 +38,7 @@ impl Section {
             Section::Modules => "modules",
             Section::Config => "config",
             Section::Daemon => "daemon",
+            Section::Fleet => "fleet",
         }
     }
 }

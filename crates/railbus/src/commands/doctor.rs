@@ -1,9 +1,10 @@
-//! `railbus doctor`: what is wrong with machine, port, line, modules, configuration and daemon, and
-//! how to fix it. It only reads, except with `--fix`.
+//! `railbus doctor`: what is wrong with machine, port, line, modules, configuration, daemon and
+//! fleet, and how to fix it. It only reads, except with `--fix`.
 
 mod chosen;
 mod daemon;
 mod fix;
+mod fleet;
 mod served;
 mod show;
 mod texts;
@@ -107,7 +108,11 @@ async fn examine(context: &Context, machine: &Machine) -> Result<Vec<Finding>, F
     let mut found = system::check(lang, variable, Timestamp::now());
     let socket = context.options.socket.as_deref();
     // In parallel, so that one that hangs delays nothing else.
-    let (daemon, of_sockets) = tokio::join!(context.daemon(), daemon::check(lang, socket, &user));
+    let (daemon, of_sockets, of_fleet) = tokio::join!(
+        context.daemon(),
+        daemon::check(lang, socket, &user),
+        fleet::check(lang, super::fleet::now())
+    );
     let served = daemon.as_ref().ok().and_then(Option::as_ref);
     let served = served.map(|daemon| daemon.config().to_owned());
     let config = configuration(context, machine, served.as_deref())?;
@@ -124,6 +129,7 @@ async fn examine(context: &Context, machine: &Machine) -> Result<Vec<Finding>, F
     found.extend(end.ok_or_else(|| stop::interrupted(context))??);
     found.extend(config.findings);
     found.extend(of_sockets);
+    found.extend(of_fleet);
     found.sort_by_key(|finding| finding.section);
     Ok(found)
 }

@@ -32,6 +32,8 @@ use texts::FleetText;
 /// The name of the command.
 pub(crate) const NAME: &str = "fleet";
 
+pub(super) use ls::{CLOCK_OFF_MS, ago, key_end};
+
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
     let group = verb(lang, NAME, FleetText::About, "railbus fleet COMMAND")
@@ -108,7 +110,7 @@ fn ask<T>(
 }
 
 /// Seconds since 1970.
-fn now() -> u64 {
+pub(super) fn now() -> u64 {
     u64::try_from(Timestamp::now().as_second()).unwrap_or_default()
 }
 

@@ -56,6 +56,7 @@ fn page(lang: Lang, found: &[Finding], paint: Paint) -> String {
         Section::Modules,
         Section::Config,
         Section::Daemon,
+        Section::Fleet,
     ]
     .map(|section| heading(lang, section));
     let margin = heads
@@ -108,6 +109,7 @@ fn heading(lang: Lang, section: Section) -> &'static str {
         Section::Modules => DoctorText::Modules,
         Section::Config => DoctorText::Config,
         Section::Daemon => DoctorText::Daemon,
+        Section::Fleet => DoctorText::Fleet,
     })
 }
 

@@ -4,8 +4,8 @@ railbus_words::texts! {
     pub(crate) DoctorText;
 
     About {
-        en: "Diagnose port, line, modules, configuration and daemon.",
-        zh: "诊断端口、总线、模块、配置和守护进程的问题。",
+        en: "Diagnose port, line, modules, configuration, daemon and fleet.",
+        zh: "诊断端口、总线、模块、配置、守护进程和站群的问题。",
     }
     Examples {
         en: "  railbus doctor
@@ -28,12 +28,20 @@ railbus_words::texts! {
     Modules { en: "modules", zh: "模块" }
     Config { en: "config", zh: "配置" }
     Daemon { en: "daemon", zh: "守护进程" }
+    Fleet { en: "fleet", zh: "站群" }
     FixLabel { en: "fix:", zh: "处理：" }
     NoDaemon {
         en: "not running; commands open the line themselves",
         zh: "未运行；命令会自行打开总线",
     }
     DaemonRuns { en: "running for {site}, {socket}", zh: "正在运行，配置：{site}，{socket}" }
+
+    FleetGood {
+        en: "{socket}: {sites} sites online, all values current",
+        zh: "{socket}：{sites} 个站点在线，数值均为最新",
+    }
+    SiteWith { en: "{site} ({what})", zh: "{site}（{what}）" }
+    MoreSites { en: " and {count} more", zh: "，另有 {count} 个" }
 
     Summary { en: "errors: {errors}, warnings: {warnings}", zh: "错误：{errors}，警告：{warnings}" }
     Unhealthy { en: "the doctor found errors: {errors}", zh: "诊断发现 {errors} 个错误" }

@@ -17,7 +17,7 @@ use railbus_words::{Lang, time};
 pub(super) const NAME: &str = "ls";
 
 /// A clock that is off by more than this is said to be, in milliseconds.
-const CLOCK_OFF_MS: u64 = 2_000;
+pub(in crate::commands) const CLOCK_OFF_MS: u64 = 2_000;
 
 /// Its parser and help.
 pub(super) fn define(lang: Lang) -> Command {
@@ -77,7 +77,7 @@ const fn values(site: &FleetSite) -> FleetText {
 }
 
 /// How long ago something was.
-pub(super) fn ago(lang: Lang, millis: u64) -> String {
+pub(in crate::commands) fn ago(lang: Lang, millis: u64) -> String {
     let time = time::span(lang, millis / 1_000);
     lang.fill(FleetText::Ago, &[("time", &time)])
 }
@@ -92,14 +92,16 @@ fn notes(lang: Lang, site: &FleetSite) -> String {
         let time = time::span(lang, off / 1_000);
         lang.fill(FleetText::ClockOff, &[("time", &time)])
     });
-    let until = site.key_until.as_deref();
-    let until = until.and_then(|until| until.parse::<Timestamp>().ok());
-    let soon = super::now().saturating_add(KEY_ENDS_SOON_S);
-    let ends = until.filter(|at| u64::try_from(at.as_second()).is_ok_and(|at| at < soon));
-    let key = ends.map(|at| {
-        let day = at.strftime("%Y-%m-%d");
-        lang.fill(FleetText::KeyEnds, &[("day", &day)])
-    });
+    let key = key_end(site, super::now());
+    let key = key.map(|day| lang.fill(FleetText::KeyEnds, &[("day", &day)]));
     let notes: Vec<String> = copied.into_iter().chain(clock).chain(key).collect();
     notes.join(lang.get(AppText::Comma))
+}
+
+/// The day on which the key of a site expires, if that is so soon that it should have been renewed.
+pub(in crate::commands) fn key_end(site: &FleetSite, now_s: u64) -> Option<String> {
+    let until: Timestamp = site.key_until.as_deref()?.parse().ok()?;
+    let soon = now_s.saturating_add(KEY_ENDS_SOON_S);
+    let is_soon = u64::try_from(until.as_second()).is_ok_and(|at| at < soon);
+    is_soon.then(|| until.strftime("%Y-%m-%d").to_string())
 }
