@@ -13,8 +13,7 @@ import urllib.parse
 import urllib.request
 
 from modbus_tcp import HOST, PATIENCE, until
-from mqtt import free_port
-from rig import ROOT, target
+from rig import ROOT, free_port, target
 
 NODE = ROOT / "interop/node"
 # Debian has it where all programs are, and starts one of its own only where services run.

@@ -33,7 +33,7 @@ import tty
 from checksums import crc, total
 from modbus_line_suite import Site
 from modbus_tcp import Client, PATIENCE, until
-from mqtt import free_port
+from rig import free_port
 
 READS, FLOOR_READS = 300, 150
 # Two registers of a module at 9600, which takes 5 ms: 8 and 9 characters of 10 bits.

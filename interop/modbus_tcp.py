@@ -17,9 +17,8 @@ import mbpoll_suite
 import pymodbus_suite
 from judge.daemon import Daemon
 from modbus_cases import SILENT, Ask
-from rig import Tally, target
+from rig import HOST, Tally, free_port, target
 
-HOST = "127.0.0.1"
 PROGRAM = target() / "debug/railbus"
 # How long anything may take that must happen, in seconds.
 PATIENCE = 60.0
@@ -187,7 +186,8 @@ class Plant:
         line = os.path.join(self.folder.name, "line")
         text = self.modules(line, turnaround) + more
         for name, settings in outlets.items():
-            self.ports[name] = self._free_port()
+            held, self.ports[name] = free_port()
+            self.held.append(held)
             text += f"\n[outlet.{name}]\n"
             settings = self.kind | {"listen": f"{HOST}:{self.ports[name]}"} | settings
             text += "".join(f"{key} = {json.dumps(value)}\n" for key, value in settings.items())
@@ -202,14 +202,6 @@ class Plant:
     def simulated(self, _turnaround):
         """The file with what is simulated: what the daemon has."""
         return self.daemon.config
-
-    def _free_port(self):
-        """A port that nobody else gets: it stays bound here, and nothing listens."""
-        held = socket.socket()
-        held.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        held.bind((HOST, 0))
-        self.held.append(held)
-        return held.getsockname()[1]
 
     def __enter__(self):
         try:

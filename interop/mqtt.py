@@ -10,21 +10,13 @@ import tempfile
 import threading
 import time
 
-from modbus_tcp import HOST, PATIENCE, until
+from modbus_tcp import PATIENCE, until
 from outlet_plant import OutletPlant
-from rig import Tally
+from rig import HOST, Tally, free_port
 
 # Where Debian has the broker.
 MOSQUITTO = shutil.which("mosquitto") or "/usr/sbin/mosquitto"
 USER, PASSWORD = "railbus", "correct horse"
-
-
-def free_port():
-    """A port on which nothing listens, held for whom it is given to."""
-    held = socket.socket()
-    held.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    held.bind((HOST, 0))
-    return held, held.getsockname()[1]
 
 
 class Certificates:

@@ -6,8 +6,9 @@ import signal
 import time
 
 from modbus_tcp import until
-from mqtt import PASSWORD, Broker, OldBroker, Plant, Watcher, free_port
+from mqtt import PASSWORD, Broker, OldBroker, Plant, Watcher
 from outlet_plant import MAX_AGE
+from rig import free_port
 
 ALL = {"write": ["*"]}
 OFF = [0] * 8

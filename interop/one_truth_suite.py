@@ -15,7 +15,7 @@ import sparkplug
 from judge.daemon import Follower, program
 from modbus_tcp import HOST, Client, until
 from outlet_plant import OutletPlant
-from rig import Tally
+from rig import Tally, free_port
 
 SITE, USER = "plant", "li"
 GOOD, STALE, BAD = "good", "stale", "bad"
@@ -55,9 +55,9 @@ class Plant(OutletPlant):
 
     def __init__(self, tally):
         self.broker = mqtt.Broker()
-        held, self.modbus_port = mqtt.free_port()
+        held, self.modbus_port = free_port()
         held.close()
-        held, self.opcua_port = mqtt.free_port()
+        held, self.opcua_port = free_port()
         held.close()
         others = {
             "scada": {"type": "modbus_tcp", "listen": f"{HOST}:{self.modbus_port}",

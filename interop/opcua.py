@@ -12,9 +12,8 @@ from asyncua.crypto import security_policies
 from asyncua.sync import ThreadLoop
 
 from modbus_tcp import HOST, until
-from mqtt import free_port
 from outlet_plant import SELDOM, OutletPlant
-from rig import Tally
+from rig import Tally, free_port
 
 NAMESPACE = "urn:railbus:site"
 PASSWORD = "correct horse battery"

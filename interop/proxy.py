@@ -8,7 +8,7 @@ import threading
 import time
 
 from modbus_tcp import HOST, PATIENCE
-from mqtt import free_port
+from rig import free_port
 
 # The directions: to the broker, and to the daemon.
 UP, DOWN = "up", "down"

@@ -2,6 +2,7 @@
 
 import os
 import pathlib
+import socket
 import subprocess
 import tempfile
 
@@ -9,11 +10,22 @@ import tables
 from modbus_cases import SILENT
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
+HOST = "127.0.0.1"
 
 
 def target():
     """Cargo's target folder."""
     return ROOT / os.environ.get("CARGO_TARGET_DIR", "target")
+
+
+def free_port():
+    """A port that nobody else gets: it stays bound here, and nothing listens. The socket that holds
+    it, and its number."""
+    held = socket.socket()
+    held.bind((HOST, 0))
+    # A server takes it from now on. Set before, it would let another suite have the port.
+    held.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    return held, held.getsockname()[1]
 
 
 class Rig:

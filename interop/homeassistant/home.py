@@ -10,7 +10,7 @@ import threading
 
 import install
 from modbus_tcp import HOST, PATIENCE, until
-from mqtt import free_port
+from rig import free_port
 
 HERE = pathlib.Path(__file__).resolve().parent
 # Only its own computer reaches it.

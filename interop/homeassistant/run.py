@@ -22,7 +22,7 @@ import tables
 from home import Home
 from judge import daemon
 from modbus_tcp import until
-from mqtt import Broker, Plant, Watcher, free_port
+from mqtt import Broker, Plant, Watcher
 
 tables.TABLES["Home Assistant"] = """
 {device,component,component for an old one}: {devices,entities,units and classes,values}
@@ -70,7 +70,7 @@ class Exported(Plant):
     """The plant with a Modbus TCP server beside MQTT, and what is exported of it."""
 
     def __init__(self, broker, tally):
-        self.held, self.port = free_port()
+        self.held, self.port = rig.free_port()
         super().__init__(broker, "5", tally=tally, write=["*"])
 
     def __exit__(self, *words):

@@ -6,7 +6,8 @@ import struct
 import threading
 import time
 
-from outlets import ANSWER, APART, OUTPUTS, Observer, Refused, free_port
+from outlets import ANSWER, APART, OUTPUTS, Observer, Refused
+from rig import free_port
 
 READ_COILS, WRITE_COIL = 1, 5
 
@@ -58,7 +59,7 @@ class ByModbus(Observer):
 
     def __init__(self, case):
         super().__init__(case)
-        self.port = free_port()
+        self.held, self.port = free_port()
         self.closed = threading.Event()
         self.thread = threading.Thread(target=self._run, daemon=True)
 
@@ -100,3 +101,4 @@ class ByModbus(Observer):
         self.closed.set()
         if self.thread.is_alive():
             self.thread.join(ANSWER)
+        self.held.close()

@@ -4,7 +4,8 @@ import socket
 import time
 
 import opcua
-from outlets import ANSWER, CHANNELS, DONE, NAMES, UNKNOWN, Follower, Refused, free_port, must
+from outlets import ANSWER, CHANNELS, DONE, NAMES, UNKNOWN, Follower, Refused, must
+from rig import free_port
 
 USER = "scada"
 GOOD = "Good"
@@ -30,7 +31,7 @@ class ByOpcua(Follower):
 
     def __init__(self, case):
         super().__init__(case)
-        self.port = free_port()
+        self.held, self.port = free_port()
         self.told, self.session = Told(), None
         self.points = {f"{module}.{case.column.labels[nth]}": (unit, nth)
                        for unit, module in NAMES.items() for nth in CHANNELS}
@@ -90,3 +91,4 @@ class ByOpcua(Follower):
         if self.session:
             self.session.close()
             self.session = None
+        self.held.close()

@@ -10,7 +10,6 @@ answered with a failure, or not because the unit is told to be dead.
 import contextlib
 import datetime
 import json
-import socket
 import threading
 import time
 
@@ -320,10 +319,3 @@ def must(holds, what):
 def wall(text):
     """A time as the daemon writes it, in seconds since 1970."""
     return datetime.datetime.fromisoformat(text.replace("Z", "+00:00")).timestamp()
-
-
-def free_port():
-    """A port that nobody listens at."""
-    with socket.socket() as one:
-        one.bind(("127.0.0.1", 0))
-        return one.getsockname()[1]
