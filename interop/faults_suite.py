@@ -124,6 +124,11 @@ class MqttOverProxy(OverProxy, ByMqtt):
             found[nth] = [once[number] for number in sorted(once)]
         return found
 
+    def strangers(self):
+        """How many outboxes other than its own tell changes here."""
+        told = map(json.loads, self.watcher.all(f"{PREFIX}/batch"))
+        return len({each["epoch"] for each in told}) - 1
+
     def is_dead(self, since):
         """Whether it was told after so many messages that nothing is told."""
         return "offline" in self.watcher.all(f"{PREFIX}/bridge/state", since)
@@ -317,6 +322,7 @@ class Trial:
                 late.append((at, nth, value))
         self.check("commands act once and soon", late, [], "of no command")
         if self.o.kind == "MQTT":
+            self.check("was a test", self.o.strangers(), 0, "other daemons at this broker")
             self.answered(switched)
 
     def answered(self, switched):

@@ -300,9 +300,9 @@ def settled(s, hub, entry):
     is_so(s, entry, lambda: hub.site(SITE)["presence"], "online", "there again")
 
 
-def by_others(s, hub, other):
+def by_others(s, fleet, hub, other):
     """A site by others, which answers as no site should."""
-    site = Site(s.fleet, "plant8")
+    site = Site(fleet, "plant8")
     path = f"/s/{site.name}/api/v1/points/m/k1"
     try:
         status, said = put(hub, path, {"value": True}, "nobody")
@@ -312,7 +312,7 @@ def by_others(s, hub, other):
         session = site.hello(1, 1)
         status, said = put(hub, path, {"value": True}, "nobody")
         s.check("a command: nobody there", (status, said["code"]), (503, "E0168"), "no heartbeat")
-        s.check("a command: nobody there", ledger(s.fleet, site.name), {}, "nothing is sent")
+        s.check("a command: nobody there", ledger(fleet, site.name), {}, "nothing is sent")
         site.beat(session)
         is_so(s, "a command: nobody there", lambda: hub.site(site.name)["presence"], "online", "")
         # No answer, then "later", then what came of it.
@@ -324,7 +324,7 @@ def by_others(s, hub, other):
         # It may be that the second answer comes first on a busy machine.
         s.check("a command: no answer", (status, said.get("may_have_acted", False)) in (
             (504, True), (200, False)), True, str(said))
-        is_so(s, "a command: no answer", lambda: end_of(s.fleet, "open"), ("ended", 200), "the end")
+        is_so(s, "a command: no answer", lambda: end_of(fleet, "open"), ("ended", 200), "the end")
         first, *again = site.heard
         s.check("a command: no answer", (first.tell, all(each.tell for each in again), len(again)),
                 (False, True, 2), "sent once, then asked")
@@ -340,11 +340,11 @@ def by_others(s, hub, other):
             status, said = put(hub, path, {"value": True}, key)
             got = (status, said["code"], said.get("may_have_acted", False))
             s.check("a command: refused", (got, "\x1b" in str(said)), (shown, False), str(said))
-            s.check("a command: refused", end_of(s.fleet, key), want, "the end")
+            s.check("a command: refused", end_of(fleet, key), want, "the end")
         site.commands = [None, form.CommandAnswer(lost={"code": "E0106"})]
         site.beat(session)
         put(hub, path, {"value": True, "within_ms": 200}, "lost")
-        is_so(s, "a command: not known for ever", lambda: end_of(s.fleet, "lost"),
+        is_so(s, "a command: not known for ever", lambda: end_of(fleet, "lost"),
               ("unknown", "E0106"), "the end")
         status, said = put(hub, path, {"value": True, "within_ms": 200}, "lost")
         s.check("a command: not known for ever",
@@ -352,17 +352,17 @@ def by_others(s, hub, other):
                 str(said))
         # Given again while it is away: the first end, and not that nothing was sent.
         site.run(site.client.close())
-        given_again(s, hub, site, path)
+        given_again(s, fleet, hub, site, path)
         site.run(site.connect())
         site.beat(session)
         is_so(s, "a key: once, whoever repeats it",
               lambda: hub.site(site.name)["presence"], "online", "there")
-        killed(s, hub, other, site, session, done)
+        killed(s, fleet, hub, other, site, session, done)
     finally:
         site.close()
 
 
-def given_again(s, hub, site, path):
+def given_again(s, fleet, hub, site, path):
     """A command is given again when its site is away."""
     entry = "a key: once, whoever repeats it"
     is_so(s, entry, lambda: hub.site(site.name)["presence"], "offline", "away")
@@ -371,10 +371,10 @@ def given_again(s, hub, site, path):
     status, said = put(hub, path, {"value": True}, "new-1")
     s.check(entry, (status, said["code"], said.get("may_have_acted", False)),
             (503, "E0168", False), "one that was never given")
-    s.check(entry, ("new-1" in ledger(s.fleet, site.name)), False, "nothing is written down")
+    s.check(entry, ("new-1" in ledger(fleet, site.name)), False, "nothing is written down")
 
 
-def killed(s, hub, other, site, session, done):
+def killed(s, fleet, hub, other, site, session, done):
     """The centre is killed once it has sent a command: another process asks what came of it."""
     entry = "a centre that is killed meanwhile: another one ends it"
     site.commands, site.heard = [None], []
@@ -395,10 +395,10 @@ def killed(s, hub, other, site, session, done):
     thread.join()
     site.commands = [done]
     deadline = time.monotonic() + 2 * TAKEN_OVER
-    while end_of(s.fleet, "orphan") != ("ended", 200) and time.monotonic() < deadline:
+    while end_of(fleet, "orphan") != ("ended", 200) and time.monotonic() < deadline:
         site.beat(session)
         time.sleep(1.0)
-    s.check(entry, end_of(s.fleet, "orphan"), ("ended", 200), "the end")
+    s.check(entry, end_of(fleet, "orphan"), ("ended", 200), "the end")
     first, *again = site.heard
     s.check(entry, (first.tell, {each.tell for each in again}), (False, {True}), "it only asks")
 
@@ -413,7 +413,7 @@ def killed(s, hub, other, site, session, done):
 
 
 def suite():
-    """Runs it."""
+    """Commands to a site by railbus."""
     tally = Tally("fleet, commands")
     with Fleet(1) as fleet:
         hub, other = Hub(fleet), Hub(fleet)
@@ -431,11 +431,25 @@ def suite():
                 foreign(s)
                 late(s, hub)
                 site_killed(s, hub)
-                by_others(s, hub, other)
         finally:
             hub.close()
             other.close()
     return tally
 
 
-SUITES = [("fleet: commands", suite)]
+def suite_by_others():
+    """Commands to a site by others."""
+    tally = Tally("fleet, commands")
+    with Fleet(1) as fleet:
+        hub, other = Hub(fleet), Hub(fleet)
+        try:
+            hub.start()
+            other.start()
+            by_others(tally, fleet, hub, other)
+        finally:
+            hub.close()
+            other.close()
+    return tally
+
+
+SUITES = [("fleet: commands", suite), ("fleet: commands, a site by others", suite_by_others)]

@@ -31,9 +31,9 @@ PROGRAMS = {
 NODE = {"interop/node": "node-red", "interop/opcua-node": "node-opcua-client",
         "web": "typescript"}
 
-# Suites in parallel: they mostly wait for a line that is as slow as a real one, and those with a
-# daemon use more of the machine.
-SUITES_AT_ONCE, DAEMONS_AT_ONCE = 24, 12
+# Suites in parallel: they mostly wait for a line that is as slow as a real one, those with a daemon
+# use more of the machine, and those of the fleet wait for what takes a minute by its nature.
+SUITES_AT_ONCE, DAEMONS_AT_ONCE, FLEETS_AT_ONCE = 24, 12, 8
 # How many failures of a suite are shown.
 SHOWN = 10
 
@@ -102,11 +102,6 @@ def daemons(words):
     not get round to for a silent one: not together with all the others."""
     import exports_suite
     import faults_suite
-    import fleet_command_suite
-    import fleet_hub_suite
-    import fleet_join_suite
-    import fleet_suite
-    import fleet_uplink_suite
     import modbus_line_suite
     import modbus_rtu_suite
     import modbus_security_suite
@@ -120,11 +115,22 @@ def daemons(words):
     import sparkplug_suite
 
     # The longest first.
-    return chosen((fleet_command_suite, exports_suite, faults_suite, modbus_tcp_suite,
-                   modbus_security_suite, modbus_rtu_suite, modbus_line_suite, mqtt_suite,
-                   mqtt_replay_suite, sparkplug_suite, sparkplug_host_suite, opcua_suite,
-                   opcua_node_suite, one_truth_suite, fleet_suite, fleet_uplink_suite,
-                   fleet_hub_suite, fleet_join_suite), words)
+    return chosen((exports_suite, faults_suite, modbus_tcp_suite, modbus_security_suite,
+                   modbus_rtu_suite, modbus_line_suite, mqtt_suite, mqtt_replay_suite,
+                   sparkplug_suite, sparkplug_host_suite, opcua_suite, opcua_node_suite,
+                   one_truth_suite), words)
+
+
+def fleets(words):
+    """The same for suites with servers, sites and centres of a fleet."""
+    import fleet_command_suite
+    import fleet_hub_suite
+    import fleet_join_suite
+    import fleet_suite
+    import fleet_uplink_suite
+
+    return chosen((fleet_command_suite, fleet_join_suite, fleet_hub_suite, fleet_uplink_suite,
+                   fleet_suite), words)
 
 
 def alone(words):
@@ -198,10 +204,13 @@ def main(words):
         print(f"0 passed, {len(absent)} failed")
         return 1
     build()
-    tallies, failed = run_all(suites(words), SUITES_AT_ONCE)
-    for later in (daemons, alone):
-        more, lost = run_all(later(words), DAEMONS_AT_ONCE)
-        tallies, failed = tallies + more, failed + lost
+    with concurrent.futures.ThreadPoolExecutor(1) as beside:
+        of_fleets = beside.submit(run_all, fleets(words), FLEETS_AT_ONCE)
+        ran = [run_all(suites(words), SUITES_AT_ONCE), run_all(daemons(words), DAEMONS_AT_ONCE),
+               of_fleets.result()]
+    ran.append(run_all(alone(words), DAEMONS_AT_ONCE))
+    tallies = [tally for each, _ in ran for tally in each]
+    failed = sum(lost for _, lost in ran)
     for name, tally in tallies:
         failed += len(tally.failures)
         for failure in tally.failures[:SHOWN]:
