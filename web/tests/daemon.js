@@ -70,7 +70,7 @@ export const LOOKS = ["en", "zh"].flatMap((lang) =>
 );
 
 export const browse = () =>
-  chromium.launch({ executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium", args: ["--no-sandbox"] });
+  chromium.launch({ executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium-headless-shell", args: ["--no-sandbox"] });
 
 /** A page that writes down what goes wrong in it. */
 export async function open(browser, { lang, width, scheme }) {

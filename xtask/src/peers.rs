@@ -24,21 +24,21 @@ struct Packages {
 const DEBIAN: &[Packages] = &[
     Packages {
         names: &[
-            "chromium",          // looks at the web pages
-            "fonts-noto-cjk",    // Chinese in its pictures
-            "gcc",               // compiles the small libmodbus peers
-            "libmodbus-dev",     // foreign Modbus master and slave in C
-            "mbpoll",            // foreign Modbus master, command line
-            "mosquitto",         // foreign MQTT broker
-            "mosquitto-clients", // and its clients
-            "openssl",           // certificates of that broker
-            "pkg-config",        // finds libmodbus
-            "prometheus",        // takes our metrics, and what we export for it
-            "python3-venv",      // holds the Python peers below
-            "qemu-system-arm",   // runs the firmware
-            "socat",             // pairs of pseudo terminals
-            "tshark",            // dissects what we capture
-            "valgrind",          // counts instructions
+            "chromium-headless-shell", // looks at the web pages
+            "fonts-noto-cjk",          // Chinese in its pictures
+            "gcc",                     // compiles the small libmodbus peers
+            "libmodbus-dev",           // foreign Modbus master and slave in C
+            "mbpoll",                  // foreign Modbus master, command line
+            "mosquitto",               // foreign MQTT broker
+            "mosquitto-clients",       // and its clients
+            "openssl",                 // certificates of that broker
+            "pkg-config",              // finds libmodbus
+            "prometheus",              // takes our metrics, and what we export for it
+            "python3-venv",            // holds the Python peers below
+            "qemu-system-arm",         // runs the firmware
+            "socat",                   // pairs of pseudo terminals
+            "tshark",                  // dissects what we capture
+            "valgrind",                // counts instructions
         ],
         needed: |_| true,
     },
