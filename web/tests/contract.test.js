@@ -84,7 +84,7 @@ test("a configuration that somebody else has changed is not overwritten", async 
 
 test("what fails in a dialog is shown in it, until the next attempt", async () => {
   const t = words("en");
-  const { context, page } = await open(browser, LOOKS[2]);
+  const { context, page } = await open(browser, LOOKS[1]);
   const answers = [
     { status: 422, json: { status: 422, code: "E0905", title: "refused", detail: "the old password is wrong", help: ["ask an admin"] } },
     { status: 200, json: { changed: "anna" } },
