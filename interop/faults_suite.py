@@ -22,7 +22,7 @@ from modbus_tcp import until
 from mqtt import Watcher
 from mqtt_replay_suite import Receiver
 from proxy import BROKER, DAEMON, DOWN, UP, Proxy
-from rig import Tally
+from rig import ROOT, Tally
 
 # These are found where the matrix is.
 from by_mqtt import PREFIX, VALUES, ByMqtt
@@ -350,6 +350,11 @@ def suite(by, name):
         column = matrix.COLUMNS["ascii, EDA9060A"]._replace(by=by)
         with matrix.Case(column, matrix.ROWS["S0"]) as case:
             Trial(case, name, tally).run()
+        if tally.failures:
+            # What was on the line, and what was told.
+            told = [repr(message) for message in case.observer.messages()]
+            log = ROOT / f"target/{name.replace(', ', '-')}.log"
+            log.write_text("\n".join([*case.line.trace, *map(str, case.log), *told]) + "\n")
         return tally
 
     return run

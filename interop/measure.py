@@ -183,7 +183,6 @@ def measure_line():
 def by_mbusd(site, line):
     """The same through mbusd, which has the line for itself, tuned for few retries."""
     held, port = free_port()
-    held.close()
     mbusd = subprocess.Popen([os.environ["MBUSD"], "-d", "-L", "-", "-v", "0", "-p", line, "-s",
                               "9600", "-m", "8n1", "-A", "127.0.0.1", "-P", str(port), "-N", "0",
                               "-W", "100", "-R", "5"])
@@ -475,8 +474,7 @@ class OverOpcua:
     ITEMS, PERIOD_MS = 1000, 100
 
     def __init__(self):
-        held, self.port = free_port()
-        held.close()
+        self.held, self.port = free_port()
         self.settings = {"type": "opcua", "listen": f"127.0.0.1:{self.port}", "anonymous": True}
         self.pid, self.values, self.session = os.getpid(), 0, None
 
@@ -638,7 +636,6 @@ def measure_writes():
     from asyncua import ua
 
     held, port = free_port()
-    held.close()
     yard = Yard('poll = "60s"', {"type": "opcua", "listen": f"127.0.0.1:{port}"})
     yard.daemon.ask("POST", "/users", {"name": "li", "role": "admin", "points": [],
                                        "password": opcua.PASSWORD})
@@ -728,8 +725,7 @@ class HeardByOpcua:
     """The same of a subscription of OPC UA, published every 50 ms."""
 
     def __init__(self):
-        held, self.port = free_port()
-        held.close()
+        self.held, self.port = free_port()
         self.settings = {"type": "opcua", "listen": f"127.0.0.1:{self.port}", "anonymous": True}
         self.got, self.session, self.refused = [], None, []
 

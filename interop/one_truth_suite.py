@@ -55,10 +55,8 @@ class Plant(OutletPlant):
 
     def __init__(self, tally):
         self.broker = mqtt.Broker()
-        held, self.modbus_port = free_port()
-        held.close()
-        held, self.opcua_port = free_port()
-        held.close()
+        modbus, self.modbus_port = free_port()
+        ua, self.opcua_port = free_port()
         others = {
             "scada": {"type": "modbus_tcp", "listen": f"{HOST}:{self.modbus_port}",
                       "map": "uniform"},
@@ -70,6 +68,7 @@ class Plant(OutletPlant):
             f"{key} = {json.dumps(value)}\n" for key, value in settings.items())
             for name, settings in others.items())
         super().__init__(tally, {**self.broker.settings(), "site": SITE}, ONCE + more)
+        self.held += [modbus, ua]
         self.name = "mq"
         self.daemon.config.write_text(self.text(), encoding="utf-8")
         self.watcher = mqtt.Watcher(self.broker, "mqttv5", f"railbus/{SITE}/#")

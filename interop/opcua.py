@@ -235,9 +235,9 @@ class Plant(OutletPlant):
 
     def __init__(self, tally=None, **settings):
         held, self.port = free_port()
-        held.close()
         settings = {"listen": f"{HOST}:{self.port}", **settings}
         super().__init__(tally or Tally("OPC UA"), settings, SELDOM)
+        self.held.append(held)
 
     def started(self):
         """Makes the users, and waits for the values."""

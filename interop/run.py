@@ -99,7 +99,7 @@ def suites(words):
 
 def daemons(words):
     """The same for suites with a daemon of their own, which takes a module that the machine does
-    not get round to for a silent one: not together with all the others."""
+    not get round to for a silent one: not together with the others that have a line."""
     import exports_suite
     import faults_suite
     import modbus_line_suite
@@ -122,7 +122,8 @@ def daemons(words):
 
 
 def fleets(words):
-    """The same for suites with servers, sites and centres of a fleet."""
+    """The same for suites with servers, sites and centres of a fleet. They wait most of the time,
+    and so run beside the others."""
     import fleet_command_suite
     import fleet_hub_suite
     import fleet_join_suite
