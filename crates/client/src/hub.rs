@@ -25,8 +25,7 @@ impl HubClient {
     /// [`codes::DAEMON`] if none answers at the usual places.
     pub async fn find(named: Option<&Path>) -> Result<HubClient, Problem> {
         if let Some(socket) = named {
-            let socket = socket.to_owned();
-            return Ok(HubClient { socket });
+            return Ok(HubClient::at(socket));
         }
         for socket in socket::places(socket::HUB) {
             if UnixStream::connect(&socket).await.is_ok() {
@@ -36,9 +35,15 @@ impl HubClient {
         Err(unreached(Problem::new(codes::DAEMON)))
     }
 
-    /// The path of its socket.
+    /// The one at this socket.
     #[must_use]
-    pub fn socket(&self) -> &Path {
+    pub fn at(socket: &Path) -> HubClient {
+        let socket = socket.to_owned();
+        HubClient { socket }
+    }
+
+    /// The path of its socket.
+    pub(crate) fn socket(&self) -> &Path {
         &self.socket
     }
 

@@ -465,24 +465,24 @@ const FINDINGS: &[FindingKind] = &[
     finding(
         "D601",
         [
-            "the centre can't work with its servers",
-            "中心与服务器之间不正常",
+            "the centre is not connected to its servers",
+            "中心未连接到服务器",
         ],
         [
-            "servers not running · not reachable · the centre's key refused",
-            "服务器未运行 · 无法访问 · 拒绝了中心的密钥",
+            "servers not running · not reachable · the centre's key is refused · just started",
+            "服务器未运行 · 无法访问 · 中心的密钥被拒绝 · 刚刚启动",
         ],
         [
-            "start the servers; railbus fleet ls shows the last error",
-            "启动服务器；railbus fleet ls 显示最近错误",
+            "wait a few seconds; then railbus fleet ls",
+            "等待几秒，再运行 railbus fleet ls",
         ],
     ),
     finding(
         "D602",
         ["sites are offline", "站点离线"],
         [
-            "its daemon or machine is off · no network · its key expired or was revoked",
-            "守护进程或计算机已停止 · 网络中断 · 密钥到期或已吊销",
+            "daemon or machine off · no network · key expired or revoked · its clock is wrong",
+            "守护进程或计算机已停止 · 网络中断 · 密钥到期或已吊销 · 站点时钟有误",
         ],
         [
             "at the site: railbus outlet list shows why it does not connect",
@@ -492,12 +492,12 @@ const FINDINGS: &[FindingKind] = &[
     finding(
         "D603",
         [
-            "not all values of these sites have arrived",
-            "站点的数值尚未全部到达",
+            "sites whose values are not known to be current",
+            "站点的数值尚未收齐",
         ],
         [
-            "they have just connected · a slow way to the servers",
-            "刚刚连接 · 到服务器的网络较慢",
+            "site or centre just connected · a slow connection to the servers",
+            "站点或中心刚刚连接 · 到服务器的网络较慢",
         ],
         [
             "wait a minute; then railbus fleet ls",
@@ -507,33 +507,36 @@ const FINDINGS: &[FindingKind] = &[
     finding(
         "D604",
         [
-            "another machine uses the key of a site",
-            "另一台机器使用了站点的密钥",
+            "another machine asks to be one of these sites",
+            "另一台机器以这些站点的身份请求连接",
         ],
         [
-            "a copied disk or folder · a stolen key",
-            "磁盘或文件夹被复制 · 密钥被盗",
+            "a copied disk or folder · the integration was added again · a stolen key",
+            "磁盘或文件夹被复制 · 集成被重新添加 · 密钥被盗",
         ],
         [
-            "railbus fleet revoke FLEET SITE, then a new key for the right machine",
-            "运行 railbus fleet revoke 站群文件夹 站点，再为正确的机器签发新密钥",
+            "find the other machine and stop it; if the key was stolen: railbus fleet revoke",
+            "找到并停止另一台机器；密钥被盗时运行 railbus fleet revoke",
         ],
     ),
     finding(
         "D605",
-        ["the clock of a site is wrong", "站点的时钟不准"],
         [
-            "no clock battery, and not yet synchronised with a time server",
-            "没有时钟电池的机器尚未与时间服务器同步",
+            "sites whose clock differs from the centre's",
+            "与中心时钟不一致的站点",
         ],
         [
-            "at the site: timedatectl set-ntp true",
-            "在站点上运行 timedatectl set-ntp true",
+            "no clock battery there · this machine's clock is wrong · a slow connection",
+            "站点没有时钟电池 · 本机时钟有误 · 网络较慢",
+        ],
+        [
+            "timedatectl set-ntp true, at the site and here",
+            "在站点和本机上运行 timedatectl set-ntp true",
         ],
     ),
     finding(
         "D606",
-        ["the key of a site expires soon", "站点的密钥即将到期"],
+        ["sites whose key expires soon", "站点密钥即将到期"],
         [
             "no centre was there to renew it, or it refused to",
             "没有可续期的中心，或中心拒绝续期",
@@ -546,7 +549,7 @@ const FINDINGS: &[FindingKind] = &[
     finding(
         "D607",
         [
-            "the centre has messages that it can't read",
+            "messages that the centre can't read",
             "中心收到无法识别的消息",
         ],
         [
@@ -560,14 +563,26 @@ const FINDINGS: &[FindingKind] = &[
     ),
     finding(
         "D608",
-        ["the centre replies incorrectly", "中心应答异常"],
+        ["the centre can't be asked", "无法访问站群中心"],
         [
-            "different version, or not responding",
-            "版本不同，或已停止响应",
+            "it ended unexpectedly · another user runs it · another version",
+            "意外终止 · 由其他用户运行 · 版本不同",
         ],
         [
-            "restart railbus fleet serve",
-            "重新启动 railbus fleet serve",
+            "start railbus fleet serve again, or run the doctor as its user",
+            "重新启动 railbus fleet serve，或以运行中心的用户诊断",
+        ],
+    ),
+    finding(
+        "D609",
+        ["the centre reports an error", "中心报告错误"],
+        [
+            "a file that it needs · its servers refused something",
+            "所需文件有问题 · 服务器拒绝了请求",
+        ],
+        [
+            "railbus fleet ls shows the error",
+            "railbus fleet ls 显示该错误",
         ],
     ),
 ];

@@ -35,7 +35,7 @@ pub(super) struct KeyIssuer(JoinHandle<()>);
 
 impl Drop for KeyIssuer {
     fn drop(&mut self) {
-        // A request that was recorded but not answered is repeated by the site.
+        // Recorded but not answered: a site repeats its renewal, and whoever joins does so again.
         self.0.abort();
     }
 }
@@ -123,7 +123,7 @@ async fn serve(
             Err(refusal) => Some(refused(refusal)),
         };
         if let Some(answer) = answer {
-            // Fails if the connection has ended: the site retries.
+            // Fails if the connection has ended, as if the answer were lost.
             let _ = client.publish(reply, answer.into()).await;
         }
     }
@@ -141,7 +141,7 @@ fn exceeds_rate(
     *count > PACE_MAX
 }
 
-/// The answer to a request; none if it could not be decided: the site retries.
+/// The answer to a request; none if it could not be decided, as if it were lost.
 async fn issue(
     signers: &Signers,
     streams: &Context,

@@ -111,7 +111,7 @@ async fn examine(context: &Context, machine: &Machine) -> Result<Vec<Finding>, F
     let (daemon, of_sockets, of_fleet) = tokio::join!(
         context.daemon(),
         daemon::check(lang, socket, &user),
-        fleet::check(lang, super::fleet::now())
+        fleet::check(context, super::fleet::now())
     );
     let served = daemon.as_ref().ok().and_then(Option::as_ref);
     let served = served.map(|daemon| daemon.config().to_owned());

@@ -32,7 +32,7 @@ use texts::FleetText;
 /// The name of the command.
 pub(crate) const NAME: &str = "fleet";
 
-pub(super) use ls::{CLOCK_OFF_MS, ago, key_end};
+pub(super) use ls::{ago, key_end};
 
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {

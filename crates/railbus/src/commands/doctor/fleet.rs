@@ -1,28 +1,62 @@
 //! The sites of a fleet, as the centre that runs on this machine knows them.
 
 use super::texts::DoctorText;
-use crate::commands::fleet::{CLOCK_OFF_MS, ago, key_end};
+use crate::commands::Context;
+use crate::commands::fleet::{ago, key_end};
 use railbus_api::fleet::{FleetPresence, FleetSite, FleetSites};
+use railbus_api::problem::Problem;
 use railbus_app::doctor::{Finding, Section};
+use railbus_app::failure::Failure;
+use railbus_app::socket;
 use railbus_app::texts::AppText;
 use railbus_client::HubClient;
 use railbus_words::{Lang, time};
+use std::os::unix::net::UnixStream;
 
 /// So many sites are named in a finding.
 const NAMED_MAX: usize = 5;
+/// Clocks that differ by more are reported, in milliseconds. A slow connection delays heartbeats by
+/// ten seconds and more.
+const CLOCKS_DIFFER_MS: u64 = 30_000;
+/// A second machine asks for the session every five minutes. One that has not asked for longer than
+/// this, in milliseconds, is gone.
+const COPY_GONE_MS: u64 = 600_000;
 
 /// The findings about the fleet; none without a centre on this machine.
-pub(super) async fn check(lang: Lang, now_s: u64) -> Vec<Finding> {
-    let Ok(hub) = HubClient::find(None).await else {
-        return Vec::new();
-    };
-    match hub.sites().await {
-        Ok(told) => of_sites(lang, &hub.socket().display().to_string(), &told, now_s),
-        Err(problem) => {
-            let detail = format!("{}: {}", hub.socket().display(), problem.text("reason"));
-            vec![Finding::error(Section::Fleet, "D608", detail)]
+pub(super) async fn check(context: &Context, now_s: u64) -> Vec<Finding> {
+    let mut refused = Vec::new();
+    for path in socket::places(socket::HUB) {
+        if std::fs::symlink_metadata(&path).is_err() {
+            continue;
         }
+        if let Err(error) = UnixStream::connect(&path) {
+            let detail = format!("{}: {}", path.display(), error.kind());
+            refused.push(Finding::warning(Section::Fleet, "D608", detail));
+            continue;
+        }
+        let hub = HubClient::at(&path);
+        return match hub.sites().await {
+            Ok(told) => of_sites(context.lang, &path.display().to_string(), &told, now_s),
+            Err(problem) => {
+                let detail = format!("{}: {}", path.display(), problem.text("reason"));
+                vec![Finding::error(Section::Fleet, "D608", detail)]
+            }
+        };
     }
+    refused
+}
+
+/// What a problem of the centre says, with its code, and where to read of it.
+fn of_problem(lang: Lang, code: &'static str, problem: &Problem) -> Finding {
+    let failure = Failure::of_problem(lang, problem);
+    let why: String = failure
+        .why()
+        .iter()
+        .map(|why| format!(" · {why}"))
+        .collect();
+    let detail = format!("{} {}{why}", problem.code, failure.message());
+    let finding = Finding::error(Section::Fleet, code, detail);
+    finding.with_advice(format!("railbus explain {}", problem.code))
 }
 
 /// One finding for each kind of problem, with its sites.
@@ -31,35 +65,37 @@ fn of_sites(lang: Lang, socket: &str, told: &FleetSites, now_s: u64) -> Vec<Find
     let warning = |code, detail| Finding::warning(Section::Fleet, code, detail);
     let mut found = Vec::new();
     let own = &told.connection;
-    match &own.error {
-        Some(problem) => {
-            let reason = problem.text("reason");
-            let detail = match reason.is_empty() {
-                true => problem.code.clone(),
-                false => format!("{}, {reason}", problem.code),
-            };
-            found.push(error("D601", detail));
-        }
+    match (&own.error, own.connected) {
+        (Some(problem), true) => found.push(of_problem(lang, "D609", problem)),
+        (Some(problem), false) => found.push(of_problem(lang, "D601", problem)),
         // It has just started.
-        None if !own.connected => found.push(warning("D601", String::new())),
-        None => {}
+        (None, false) => found.push(warning("D601", String::new())),
+        (None, true) => {}
     }
     let of = |about: &dyn Fn(&FleetSite) -> Option<String>| sites(lang, told, about);
     let away = |site: &FleetSite| {
         let is_away = site.presence == FleetPresence::Offline;
         is_away.then(|| site.heard_ms.map_or_else(String::new, |ms| ago(lang, ms)))
     };
+    // Where the centre has no connection, that is said of none.
     let incomplete = |site: &FleetSite| {
-        let is_there = site.presence == FleetPresence::Online;
-        (is_there && !site.current).then(String::new)
+        let is_away = site.presence == FleetPresence::Offline;
+        (own.connected && !is_away && !site.current).then(String::new)
     };
-    let copied = |site: &FleetSite| site.duplicate_ms.map(|ms| ago(lang, ms));
+    let copied = |site: &FleetSite| {
+        let asked = site.duplicate_ms.filter(|ms| *ms < COPY_GONE_MS);
+        asked.map(|ms| ago(lang, ms))
+    };
     let clock = |site: &FleetSite| {
         let off = site.clock_ahead_ms.map(i64::unsigned_abs);
-        let off = off.filter(|off| *off > CLOCK_OFF_MS);
+        let off = off.filter(|off| *off > CLOCKS_DIFFER_MS);
         off.map(|off| time::span(lang, off / 1_000))
     };
-    let key = |site: &FleetSite| key_end(site, now_s);
+    // The key of one that is away may have expired, and is not why it is to be looked at.
+    let key = |site: &FleetSite| {
+        let is_there = site.presence == FleetPresence::Online;
+        key_end(site, now_s).filter(|_| is_there)
+    };
     found.extend(of(&away).map(|detail| error("D602", detail)));
     found.extend(of(&incomplete).map(|detail| warning("D603", detail)));
     found.extend(of(&copied).map(|detail| error("D604", detail)));
@@ -102,7 +138,7 @@ fn sites(
 mod tests {
     use super::*;
     use railbus_api::fleet::HubConnection;
-    use railbus_api::problem::{Problem, codes};
+    use railbus_api::problem::codes;
 
     /// 2026-11-29.
     const NOW_S: u64 = 1_795_910_400;
@@ -150,7 +186,7 @@ mod tests {
         let told = told(vec![well("plant1"), well("plant2")]);
         assert_eq!(
             found(Lang::En, &told),
-            ["ok - /run/hub.sock: 2 sites online, all values current"]
+            ["ok - /run/hub.sock: sites online: 2, all values current"]
         );
     }
 
@@ -202,9 +238,38 @@ mod tests {
         assert_eq!(found(Lang::En, &fleet), ["warning D601 "]);
         let problem = Problem::new(codes::FLEET_ENDED).with("reason", "disconnected");
         fleet.connection.error = Some(problem);
-        let code = codes::FLEET_ENDED.code;
-        let want = format!("error D601 {code}, disconnected");
-        assert_eq!(found(Lang::En, &fleet), [want]);
+        let [lost] = &*found(Lang::En, &fleet) else {
+            panic!("one finding");
+        };
+        assert!(lost.starts_with("error D601 E0165 "), "{lost}");
+        // Connected, and not for long enough to know of the site; the error is not the servers'.
+        fleet.connection.connected = true;
+        let [error, unknown] = &*found(Lang::En, &fleet) else {
+            panic!("two findings");
+        };
+        assert!(error.starts_with("error D609 E0165 "), "{error}");
+        assert_eq!(unknown, "warning D603 plant1");
+        fleet.connection.error = None;
+        assert_eq!(found(Lang::En, &fleet), ["warning D603 plant1"]);
+    }
+
+    #[test]
+    fn what_is_over_or_small_is_not_reported() {
+        let gone = FleetSite {
+            duplicate_ms: Some(COPY_GONE_MS),
+            clock_ahead_ms: Some(30_000),
+            ..well("plant1")
+        };
+        assert!(found(Lang::En, &told(vec![gone]))[0].starts_with("ok"));
+        // Of one that is away, its key is not what is wrong first.
+        let expired = FleetSite {
+            presence: FleetPresence::Offline,
+            key_until: Some("2026-05-01T00:00:00Z".to_owned()),
+            heard_ms: None,
+            current: false,
+            ..well("plant1")
+        };
+        assert_eq!(found(Lang::En, &told(vec![expired])), ["error D602 plant1"]);
     }
 
     #[test]

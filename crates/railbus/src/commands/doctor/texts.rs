@@ -37,7 +37,7 @@ railbus_words::texts! {
     DaemonRuns { en: "running for {site}, {socket}", zh: "正在运行，配置：{site}，{socket}" }
 
     FleetGood {
-        en: "{socket}: {sites} sites online, all values current",
+        en: "{socket}: sites online: {sites}, all values current",
         zh: "{socket}：{sites} 个站点在线，数值均为最新",
     }
     SiteWith { en: "{site} ({what})", zh: "{site}（{what}）" }

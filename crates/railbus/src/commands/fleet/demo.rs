@@ -90,10 +90,12 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
             running: JoinSet::new(),
             started: Vec::new(),
             last: None,
+            stands: false,
         };
         let end = stop.or(fleet.stand(&server)).await;
         let end = match end {
             Some(Ok(())) => {
+                fleet.stands = true;
                 let ended = stop.or(fleet.running.join_next()).await;
                 ended.flatten().map(|ended| fleet.has_ended(ended.ok()))
             }
@@ -123,6 +125,8 @@ struct DemoFleet<'d> {
     started: Vec<(String, Option<Pid>)>,
     /// The last problem of what is tried until it works.
     last: Option<String>,
+    /// All of it was there once.
+    stands: bool,
 }
 
 impl DemoFleet<'_> {
@@ -236,7 +240,10 @@ impl DemoFleet<'_> {
                 Ok::<_, Problem>(daemon)
             };
             match joined.await {
-                Ok(daemon) => break daemon,
+                Ok(daemon) => {
+                    self.last = None;
+                    break daemon;
+                }
                 Err(problem) => {
                     self.last = Some(self.context.failure(&problem).message().to_owned())
                 }
@@ -374,8 +381,8 @@ impl DemoFleet<'_> {
         last.reverse();
         let failure = Failure::new(Code::System, message);
         let failure = last.into_iter().fold(failure, Failure::because);
-        match name == CENTRE {
-            // The usual socket is that of another one.
+        // The usual socket may be that of another centre.
+        match name == CENTRE && !self.stands && self.named.is_none() {
             true => failure.with_try("railbus fleet demo --socket PATH"),
             false => failure,
         }

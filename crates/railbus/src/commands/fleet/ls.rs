@@ -17,7 +17,7 @@ use railbus_words::{Lang, time};
 pub(super) const NAME: &str = "ls";
 
 /// A clock that is off by more than this is said to be, in milliseconds.
-pub(in crate::commands) const CLOCK_OFF_MS: u64 = 2_000;
+const CLOCK_OFF_MS: u64 = 2_000;
 
 /// Its parser and help.
 pub(super) fn define(lang: Lang) -> Command {

@@ -95,7 +95,7 @@ railbus_words::texts! {
     DemoTitle { en: "a fleet of three simulated sites", zh: "三个仿真站点组成的站群" }
     DemoSays {
         en: "  server    {server}
-{sites}
+{sites}  (one-time links, 15 min)
 try in another terminal:
   railbus fleet ls{socket}
   railbus get -s plant2 oven{socket}
@@ -103,7 +103,7 @@ try in another terminal:
   railbus fleet commands{socket}
 press Ctrl-C to stop",
         zh: "  server    {server}
-{sites}
+{sites}  （一次性链接，15 分钟内有效）
 可在另一终端尝试：
   railbus fleet ls{socket}
   railbus get -s plant2 oven{socket}
