@@ -4,7 +4,7 @@ import { test } from "node:test";
 import { faults, LOOKS, open, words } from "./daemon.js";
 import { browser, cookies, daemon } from "./site.js";
 
-for (const look of LOOKS.filter(({ lang, width, scheme }) => (lang === "zh") === (width === 360) && scheme === "light")) {
+for (const look of LOOKS.filter(({ lang, width }) => (lang === "zh") === (width === 360))) {
   const t = words(look.lang);
   const dialog = (page) => page.getByRole("dialog");
   const button = (page, name) => page.getByRole("button", { name, exact: true });
