@@ -69,6 +69,8 @@ class OutletPlant:
 
     def __init__(self, tally, settings, more=""):
         self.tally, self.settings = tally, settings
+        # What holds ports until the end.
+        self.held = []
         self.folder = tempfile.TemporaryDirectory(prefix="railbus-interop-")
         self.site = (SITE + more).format(line=os.path.join(self.folder.name, "line"))
         self.daemon = Daemon(self.folder.name, self.text())
@@ -97,6 +99,8 @@ class OutletPlant:
         self.daemon.close()
         self.sim.kill()
         self.folder.cleanup()
+        for held in self.held:
+            held.close()
 
     def ask(self, method, path, body=None):
         """Asks the daemon."""
