@@ -70,12 +70,9 @@ class Exported(Plant):
     """The plant with a Modbus TCP server beside MQTT, and what is exported of it."""
 
     def __init__(self, broker, tally):
-        self.held, self.port = rig.free_port()
+        held, self.port = rig.free_port()
         super().__init__(broker, "5", tally=tally, write=["*"])
-
-    def __exit__(self, *words):
-        super().__exit__(*words)
-        self.held.close()
+        self.held.append(held)
 
     def text(self, **settings):
         """The configuration."""
