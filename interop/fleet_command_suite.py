@@ -2,6 +2,7 @@
 end, and what is said of it is so."""
 
 import asyncio
+import contextlib
 import http.client
 import json
 import signal
@@ -412,43 +413,41 @@ def killed(s, fleet, hub, other, site, session, done):
     s.check(entry, (status, said), (200, {"value": True}), "given again")
 
 
-def suite():
-    """Commands to a site by railbus."""
-    tally = Tally("fleet, commands")
+@contextlib.contextmanager
+def centres():
+    """A fleet, and two processes of its centre."""
     with Fleet(1) as fleet:
         hub, other = Hub(fleet), Hub(fleet)
         try:
             hub.start()
             other.start()
-            with Writable(fleet, None, tally) as s:
-                is_so(s, "a far output: switched", lambda: hub.site(SITE).get("current"), True, "")
-                is_so(s, "a far output: switched", lambda: other.site(SITE).get("current"), True,
-                      "")
-                switched(s, hub)
-                refused(s, hub)
-                once(s, hub, other)
-                both(s, hub, other)
-                foreign(s)
-                late(s, hub)
-                site_killed(s, hub)
+            yield fleet, hub, other
         finally:
             hub.close()
             other.close()
+
+
+def suite():
+    """Commands to a site by railbus."""
+    tally = Tally("fleet, commands")
+    with centres() as (fleet, hub, other), Writable(fleet, None, tally) as s:
+        for centre in (hub, other):
+            is_so(s, "a far output: switched", lambda: centre.site(SITE).get("current"), True, "")
+        switched(s, hub)
+        refused(s, hub)
+        once(s, hub, other)
+        both(s, hub, other)
+        foreign(s)
+        late(s, hub)
+        site_killed(s, hub)
     return tally
 
 
 def suite_by_others():
     """Commands to a site by others."""
     tally = Tally("fleet, commands")
-    with Fleet(1) as fleet:
-        hub, other = Hub(fleet), Hub(fleet)
-        try:
-            hub.start()
-            other.start()
-            by_others(tally, fleet, hub, other)
-        finally:
-            hub.close()
-            other.close()
+    with centres() as (fleet, hub, other):
+        by_others(tally, fleet, hub, other)
     return tally
 
 

@@ -19,11 +19,11 @@ def target():
 
 
 def free_port():
-    """A port that nobody else gets: it stays bound here, and nothing listens. The socket that holds
-    it, and its number."""
+    """A port that nobody else is given: the socket that stays bound to it without listening, and
+    its number."""
     held = socket.socket()
     held.bind((HOST, 0))
-    # A server takes it from now on. Set before, it would let another suite have the port.
+    # A server that sets this as well can listen there.
     held.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     return held, held.getsockname()[1]
 

@@ -64,7 +64,7 @@ export async function until(so) {
   }
 }
 
-/** Both languages, phone and desk, light and dark: each of one with each of the others, in half as many as all. */
+/** Languages, phone and desk, light and dark: every pair of values, in half of all combinations. */
 export const LOOKS = [
   { lang: "en", width: 360, scheme: "light" },
   { lang: "en", width: 1280, scheme: "dark" },

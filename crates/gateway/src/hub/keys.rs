@@ -4,6 +4,7 @@
 
 use super::driver::{last_of, put};
 use super::link::HubFiles;
+use crate::clock::unix_s;
 use crate::nats::{next, unusable};
 use async_nats::jetstream::{self, Context};
 use async_nats::{Client, Subscriber};
@@ -15,10 +16,9 @@ use railbus_fleet::issuing::{
     revoke_noted, verify,
 };
 use railbus_fleet::message::IssuedKey;
-use railbus_store::history::millis;
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::time::{Duration, SystemTime};
+use std::time::Duration;
 use tokio::task::JoinHandle;
 use tokio::time::Instant;
 
@@ -35,7 +35,7 @@ pub(super) struct KeyIssuer(JoinHandle<()>);
 
 impl Drop for KeyIssuer {
     fn drop(&mut self) {
-        // Recorded but not answered: a site repeats its renewal, and whoever joins does so again.
+        // A request that was recorded but not answered can be repeated: it gets the same key.
         self.0.abort();
     }
 }
@@ -64,11 +64,6 @@ fn signers(files: &HubFiles) -> Result<Signers, Problem> {
         sites: signer(&files.site_signing)?,
         invitations: invitations.transpose()?,
     })
-}
-
-/// The wall clock, in seconds since 1970.
-fn now_s() -> u64 {
-    u64::try_from(millis(SystemTime::now()) / 1_000).unwrap_or_default()
 }
 
 /// Answers requests for keys on this connection from now on.
@@ -111,7 +106,7 @@ async fn serve(
         let site = message.subject.split('.').nth(2).unwrap_or_default();
         let signing = signers.as_ref().ok_or_else(no_signing_key);
         let verified = signing.and_then(|signers| {
-            let verified = verify(signers, kind, site, &message.payload, now_s())?;
+            let verified = verify(signers, kind, site, &message.payload, unix_s())?;
             // Only verified requests count, so that others can't exhaust the limit.
             match exceeds_rate(&mut asked, verified.requester(), Instant::now()) {
                 true => Err(rate_limited()),
@@ -151,7 +146,7 @@ async fn issue(
     let subject = keys_subject(site);
     for _ in 0..TRIES {
         let (document, revision) = last_of(streams, STREAM, &subject).await?.unzip();
-        match wanted.grant(signers, document.as_deref(), now_s()) {
+        match wanted.grant(signers, document.as_deref(), unix_s()) {
             Err(refusal) => return Some(refused(refusal)),
             Ok((document, answer)) => {
                 let revision = revision.unwrap_or_default();
@@ -186,7 +181,7 @@ pub(super) async fn revoke(
         let found = last_of(&streams, STREAM, &subject).await;
         let found = found.ok_or_else(|| failed(&"the stream can't be read"))?;
         let (document, revision) = found.unzip();
-        let noted = revoke_noted(document.as_deref(), others, now_s());
+        let noted = revoke_noted(document.as_deref(), others, unix_s());
         let (document, keys) = noted.map_err(|reason| failed(&reason))?;
         let revision = revision.unwrap_or_default();
         match put(&streams, subject.clone(), document, revision).await {

@@ -251,8 +251,8 @@ codes! {
     NoKey = "E0939" {
         title: ["the centre of the fleet issued no key", "站群中心未签发密钥"],
         likely: ["it lacks files of the folder hub/ · its clock is wrong · the site has too many \
-            keys",
-            "中心缺少 hub/ 中的文件 · 中心时钟有误 · 站点密钥过多"],
+            keys · another invitation is being accepted here",
+            "中心缺少 hub/ 中的文件 · 中心时钟有误 · 站点密钥过多 · 本站点正在接受另一邀请"],
         next: ["see the log of the centre, then try again: what was made for it is kept",
             "查看中心日志后重试：已生成的内容会保留"],
     }

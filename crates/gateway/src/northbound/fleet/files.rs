@@ -2,12 +2,12 @@
 //! with another key the settings change, and if that is undone, the earlier ones are still there.
 
 use super::settings::FleetAccess;
+use crate::clock::unix_s;
 use crate::nats::unusable;
 use railbus_api::problem::Problem;
 use railbus_fleet::{public_site_key, read_site_creds};
 use railbus_site::Config;
 use railbus_store::durable;
-use railbus_store::history::millis;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -155,7 +155,7 @@ impl Unnamed<'_> {
 /// have expired, and those of outlets that are gone. What can't be removed stays.
 pub(super) fn remove_stale(folder: &Path, configured: &Configured) {
     let now = SystemTime::now();
-    let now_s = u64::try_from(millis(now) / 1_000).unwrap_or_default();
+    let now_s = unix_s();
     let all = std::fs::read_dir(folder).into_iter().flatten().flatten();
     for path in all.map(|entry| entry.path()) {
         let name = path.file_name().and_then(|name| name.to_str());

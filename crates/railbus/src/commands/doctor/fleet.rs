@@ -104,7 +104,10 @@ fn of_sites(lang: Lang, socket: &str, told: &FleetSites, now_s: u64) -> Vec<Find
     if own.unreadable > 0 {
         found.push(warning("D607", own.unreadable.to_string()));
     }
-    if found.is_empty() {
+    if found.is_empty() && told.sites.is_empty() {
+        let text = lang.fill(DoctorText::FleetEmpty, &[("socket", &socket)]);
+        found.push(Finding::good(Section::Fleet, text));
+    } else if found.is_empty() {
         let values: &[(&str, &dyn std::fmt::Display)] =
             &[("socket", &socket), ("sites", &told.sites.len())];
         let text = lang.fill(DoctorText::FleetGood, values);
@@ -188,6 +191,14 @@ mod tests {
             found(Lang::En, &told),
             ["ok - /run/hub.sock: sites online: 2, all values current"]
         );
+        let none = FleetSites {
+            sites: Vec::new(),
+            ..told
+        };
+        assert_eq!(
+            found(Lang::En, &none),
+            ["ok - /run/hub.sock: no site has connected yet"]
+        );
     }
 
     #[test]
@@ -238,17 +249,14 @@ mod tests {
         assert_eq!(found(Lang::En, &fleet), ["warning D601 "]);
         let problem = Problem::new(codes::FLEET_ENDED).with("reason", "disconnected");
         fleet.connection.error = Some(problem);
-        let [lost] = &*found(Lang::En, &fleet) else {
-            panic!("one finding");
-        };
-        assert!(lost.starts_with("error D601 E0165 "), "{lost}");
+        let lost = found(Lang::En, &fleet);
+        assert_eq!(lost.len(), 1, "{lost:?}");
+        assert!(lost[0].starts_with("error D601 E0165 "), "{lost:?}");
         // Connected, and not for long enough to know of the site; the error is not the servers'.
         fleet.connection.connected = true;
-        let [error, unknown] = &*found(Lang::En, &fleet) else {
-            panic!("two findings");
-        };
-        assert!(error.starts_with("error D609 E0165 "), "{error}");
-        assert_eq!(unknown, "warning D603 plant1");
+        let unknown = found(Lang::En, &fleet);
+        assert!(unknown[0].starts_with("error D609 E0165 "), "{unknown:?}");
+        assert_eq!(unknown[1..], ["warning D603 plant1"]);
         fleet.connection.error = None;
         assert_eq!(found(Lang::En, &fleet), ["warning D603 plant1"]);
     }

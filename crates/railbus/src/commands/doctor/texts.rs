@@ -40,6 +40,7 @@ railbus_words::texts! {
         en: "{socket}: sites online: {sites}, all values current",
         zh: "{socket}：{sites} 个站点在线，数值均为最新",
     }
+    FleetEmpty { en: "{socket}: no site has connected yet", zh: "{socket}：尚无站点连接" }
     SiteWith { en: "{site} ({what})", zh: "{site}（{what}）" }
     MoreSites { en: " and {count} more", zh: "，另有 {count} 个" }
 
