@@ -1,6 +1,7 @@
 //! Authentication and permissions.
 
 pub(crate) mod accounts;
+mod accounts_api;
 pub mod desk;
 mod gate;
 mod notes;
@@ -16,8 +17,10 @@ mod tries;
 mod user_routes;
 
 pub(crate) use accounts::is_selector;
+pub(crate) use accounts_api::AccountsApi;
 pub use gate::Gate;
 pub(super) use gate::{Peer, identify};
+pub(crate) use notes::AccountsLog;
 #[cfg(feature = "opcua")]
 pub(crate) use notes::note_login;
 pub(super) use session_routes::{ROUTES as SESSION_ROUTES, read};

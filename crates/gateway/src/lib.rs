@@ -79,6 +79,7 @@ mod sim;
 mod site;
 mod stores;
 mod stream;
+mod tcp;
 mod texts;
 mod tls;
 mod web;
@@ -87,7 +88,6 @@ mod ws;
 
 use access::Gate;
 use config::Desk;
-use guard::Front;
 use listen::ConnectionLimit;
 pub use northbound::offered;
 use northbound::{DemoOutlet, Northbound};
@@ -114,10 +114,10 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 use stores::Stores;
+use tcp::{Network, Reached};
 use texts::GatewayText;
 pub use tls::CertificateSource;
 use tls::Tls;
-use tokio::net::TcpListener;
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::watch;
 
@@ -143,14 +143,40 @@ pub struct ServeOptions {
     pub check: Option<Format>,
 }
 
+impl ServeOptions {
+    /// How it is reached over TCP.
+    fn network(&self) -> Network {
+        Network {
+            listen: self.listen,
+            tls: self.tls.clone(),
+            names: self.names.clone(),
+        }
+    }
+}
+
+/// The command that serves.
+const SERVE: &str = "railbus serve";
+
+/// Whether it may listen where it is to.
+fn may_listen(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure> {
+    let state = match wanted.demo {
+        true => None,
+        false => config_file::path(wanted.config.as_deref())
+            .ok()
+            .map(|file| config_file::state_folder(Some(&file))),
+    };
+    // The demo starts without users each time.
+    let add = (!wanted.demo).then_some("railbus user add NAME --role admin");
+    let network = wanted.network();
+    network.may_listen(lang, state.as_deref(), (SERVE, add))
+}
+
 /// Serves until it is stopped.
 ///
 /// # Errors
 /// It may not listen there, or something that it needs is not available.
 pub fn run(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure> {
-    if !wanted.listen.ip().is_loopback() {
-        may_listen_widely(lang, wanted)?;
-    }
+    may_listen(lang, wanted)?;
     if let Some(format) = wanted.check {
         return check(lang, wanted, format);
     }
@@ -159,33 +185,6 @@ pub fn run(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure> {
         .build()
         .map_err(|error| system(lang, error))?
         .block_on(open_and_serve(lang, wanted))
-}
-
-/// Other machines are only let in with TLS, and if there is a user who can log in.
-fn may_listen_widely(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure> {
-    let listen = wanted.listen;
-    let port = listen.port();
-    let refused = || {
-        Failure::of(lang, Code::NotLoopback)
-            .with_try(format!("railbus serve --listen 127.0.0.1:{port}"))
-            .with_try(format!("ssh -L {port}:127.0.0.1:{port} HOST"))
-    };
-    let state = match wanted.demo {
-        true => None,
-        false => config_file::path(wanted.config.as_deref())
-            .ok()
-            .map(|file| config_file::state_folder(Some(&file))),
-    };
-    let has_user = state.is_some_and(|folder| Gate::has_user(&folder));
-    match (&wanted.tls, has_user) {
-        (Some(_), true) => Ok(()),
-        (None, true) => {
-            Err(refused().with_try(format!("railbus serve --listen {listen} --tls auto")))
-        }
-        // The demo starts without users each time.
-        (_, false) if wanted.demo => Err(refused()),
-        (_, false) => Err(refused().with_try("railbus user add NAME --role admin")),
-    }
 }
 
 /// How long to wait for ports before the daemon reports that it serves: a network port may take
@@ -312,16 +311,7 @@ impl Source {
 async fn open_and_serve(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure> {
     let mut signals = Signals::new().map_err(|error| system(lang, error))?;
     // Listen first: a second daemon fails here, before it touches a line.
-    let tcp = TcpListener::bind(wanted.listen).await.map_err(|error| {
-        let message = lang.fill(
-            railbus_app::texts::AppText::NoTcp,
-            &[("address", &wanted.listen)],
-        );
-        Failure::new(Code::Listen, message)
-            .because(error)
-            .with_try("railbus serve --listen 127.0.0.1:0")
-    })?;
-    let address = tcp.local_addr().map_err(|error| system(lang, error))?;
+    let tcp = tcp::bind(lang, wanted.listen, SERVE).await?;
     let socket = listen_on_socket(lang, wanted.socket.as_deref(), socket::DAEMON)?;
     let source = Source::open(lang, wanted)?;
     let access = Gate::open(&source.state);
@@ -343,15 +333,8 @@ async fn open_and_serve(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure
         }
     };
     let _ = tokio::time::timeout(TRIED_WITHIN, tried).await;
-    let names = [tls::own_names(), wanted.names.clone()].concat();
-    let tls = open_tls(lang, wanted, &source, &names)?;
-    let scheme = if tls.is_some() { "https" } else { "http" };
-    // An unspecified address is none that a browser can open.
-    let host = match names.first().filter(|_| address.ip().is_unspecified()) {
-        Some(name) => format!("{name}:{}", address.port()),
-        None => address.to_string(),
-    };
-    let origin = format!("{scheme}://{host}");
+    let reached = Reached::open(lang, &tcp, &wanted.network(), &source.state)?;
+    let Reached { front, tls, origin } = reached;
     announce(lang, &source, &access, &origin, tls.as_deref(), &socket);
     let desk = Arc::new(Desk::new(&source.file, &source.state, &source.config));
     northbound.run(desk.changes());
@@ -372,14 +355,6 @@ async fn open_and_serve(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure
         tls: tls.clone(),
     };
     let [limit, socket_limit] = [ConnectionLimit::new(), ConnectionLimit::new()];
-    let front = Arc::new(Front {
-        port: address.port(),
-        is_tls: tls.is_some(),
-        is_wide: !wanted.listen.ip().is_loopback(),
-        names,
-        is_trusted: matches!(wanted.tls, Some(CertificateSource::Files { .. }))
-            && !wanted.listen.ip().is_loopback(),
-    });
     let for_remote = routes::handlers(site.clone(), Audience::Remote);
     northbound.serve_api(for_remote, stopped.clone());
     let over_tcp = routes::router(site.clone(), Some(front));
@@ -401,7 +376,7 @@ async fn open_and_serve(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure
     let asked = async {
         while signals.next().await == Asked::Reload {
             reload(lang, &service, &desk).await;
-            reload_tls(lang, tls.as_deref());
+            tcp::reload_tls(lang, tls.as_deref());
         }
     };
     tokio::select! {
@@ -428,36 +403,6 @@ fn cut_off(lang: Lang) {
     let failure = Failure::of(lang, Code::CutOff);
     warn_of(lang, &failure);
     std::process::exit(failure.code().exit().into());
-}
-
-/// Certificate and key, if configured.
-fn open_tls(
-    lang: Lang,
-    wanted: &ServeOptions,
-    source: &Source,
-    names: &[String],
-) -> Result<Option<Arc<Tls>>, Failure> {
-    let Some(wish) = &wanted.tls else {
-        return Ok(None);
-    };
-    let names = tls::names_for(wanted.listen.ip(), names);
-    let tls = Tls::open(wish, &source.state, &names);
-    tls.map(|tls| Some(Arc::new(tls)))
-        .map_err(|problem| Failure::of_problem(lang, &problem))
-}
-
-/// Reads certificate and key again.
-fn reload_tls(lang: Lang, tls: Option<&Tls>) {
-    let Some(tls) = tls else {
-        return;
-    };
-    match tls.reload() {
-        Ok(()) => {
-            let fingerprint = tls.fingerprint();
-            say(&lang.fill(GatewayText::TlsRead, &[("fingerprint", &fingerprint)]));
-        }
-        Err(problem) => warn_of(lang, &Failure::of_problem(lang, &problem)),
-    }
 }
 
 /// Listens on the socket that is named, which must be available; otherwise on the first of the

@@ -1,6 +1,6 @@
 //! One route of the API: permission, documentation and handler.
 
-use super::access::{Need, Reach};
+use super::access::{AccountsApi, Need, Reach};
 use super::doc::Doc;
 use super::site::Site;
 use axum::body::Body;
@@ -36,7 +36,26 @@ pub(super) struct Route {
     /// Its documentation in the OpenAPI document.
     pub(super) doc: Option<Doc>,
     /// The handler.
-    pub(super) handler: fn() -> MethodRouter<Site>,
+    pub(super) handler: RouteHandler,
+}
+
+/// The handler of a route, by what it needs.
+#[derive(Clone, Copy)]
+pub(super) enum RouteHandler {
+    /// A site.
+    Site(fn() -> MethodRouter<Site>),
+    /// Only accounts, which other programs than a site have, too.
+    Accounts(fn() -> MethodRouter<AccountsApi>),
+}
+
+impl RouteHandler {
+    /// The handler in the router of a site with these accounts.
+    pub(super) fn of_site(self, accounts: &AccountsApi) -> MethodRouter<Site> {
+        match self {
+            RouteHandler::Site(handler) => handler(),
+            RouteHandler::Accounts(handler) => handler().with_state(accounts.clone()),
+        }
+    }
 }
 
 impl Route {
@@ -45,6 +64,24 @@ impl Route {
         path: &'static str,
         need: Need,
         handler: fn() -> MethodRouter<Site>,
+    ) -> Route {
+        Route::with((method, path), need, RouteHandler::Site(handler))
+    }
+
+    /// One that needs only accounts.
+    pub(super) const fn of_accounts(
+        method: &'static str,
+        path: &'static str,
+        need: Need,
+        handler: fn() -> MethodRouter<AccountsApi>,
+    ) -> Route {
+        Route::with((method, path), need, RouteHandler::Accounts(handler))
+    }
+
+    const fn with(
+        (method, path): (&'static str, &'static str),
+        need: Need,
+        handler: RouteHandler,
     ) -> Route {
         Route {
             method,

@@ -1,7 +1,7 @@
 //! The routes of the API. Every file of handlers has a table of its routes; [`ALL`] is the list of
 //! tables, and nothing else is served.
 
-use super::access::{Caller, Need, SESSION_ROUTES, USER_ROUTES, check, identify};
+use super::access::{Caller, Gate, Need, SESSION_ROUTES, USER_ROUTES, check, identify};
 use super::doc::Doc;
 use super::guard::Front;
 use super::northbound;
@@ -21,7 +21,7 @@ use railbus_api::problem::{Problem, codes};
 use std::sync::Arc;
 
 /// The longest request body.
-const BODY_MAX: usize = 64 << 10;
+pub(super) const BODY_MAX: usize = 64 << 10;
 
 /// The tables of routes.
 const ALL: &[&[Route]] = &[
@@ -74,9 +74,15 @@ pub(super) fn router(site: Site, front: Option<Arc<Front>>) -> Router {
         None => Audience::Owner,
     };
     let router = handlers(site, audience);
-    let is_strict = front.as_ref().is_some_and(|front| front.is_trusted);
-    let router = match front {
-        Some(front) => router
+    guarded(router, front.map(|front| (access, front)))
+}
+
+/// What every request has to pass: over TCP it must be meant for this program, and its caller is
+/// identified by these accounts. Over the socket the caller is the owner.
+pub(super) fn guarded(router: Router, tcp: Option<(Arc<Gate>, Arc<Front>)>) -> Router {
+    let is_strict = tcp.as_ref().is_some_and(|(_, front)| front.is_trusted);
+    let router = match tcp {
+        Some((access, front)) => router
             .layer(from_fn_with_state(access, identify))
             .layer(from_fn(guard::timely))
             .layer(from_fn_with_state(front, guard::front)),
@@ -105,11 +111,15 @@ pub(super) enum Audience {
 pub(super) fn handlers(site: Site, audience: Audience) -> Router {
     // Routes for the daemon's own user do not exist for others.
     let is_there = |route: &&Route| route.need != Need::Owner || audience == Audience::Owner;
+    let accounts = site.accounts();
     let add = |router: Router<Site>, route: &Route| {
         let handler = match (audience, route.method == "GET" && !route.is_secret) {
             (Audience::Remote, _) if !route.is_remote() => any_of(route.method),
-            (_, true) => (route.handler)().layer(from_fn(compress::answer)),
-            (_, false) => (route.handler)(),
+            (_, true) => {
+                let handler = route.handler.of_site(&accounts);
+                handler.layer(from_fn(compress::answer))
+            }
+            (_, false) => route.handler.of_site(&accounts),
         };
         let ruled = handler.layer(from_fn_with_state((route.need, route.reach), check));
         router.route(route.path, ruled)
@@ -127,7 +137,7 @@ pub(super) fn handlers(site: Site, audience: Audience) -> Router {
         .layer(DefaultBodyLimit::max(BODY_MAX))
 }
 
-async fn not_so() -> Answer {
+pub(super) async fn not_so() -> Answer {
     let problem = Problem {
         status: StatusCode::METHOD_NOT_ALLOWED.as_u16(),
         ..Problem::new(codes::NO_SUCH_PAGE)

@@ -1,6 +1,6 @@
 //! What every handler needs of the daemon.
 
-use super::access::{Caller, Gate};
+use super::access::{AccountsApi, AccountsLog, Caller, Gate};
 use super::config::Desk;
 use super::listen::ended;
 use super::northbound::Northbound;
@@ -53,6 +53,20 @@ impl Site {
                 () = ended(&mut stop) => {}
                 () = access.gone(&caller) => {}
             }
+        }
+    }
+
+    /// What handlers of sessions and accounts need of it.
+    pub(super) fn accounts(&self) -> AccountsApi {
+        AccountsApi {
+            access: Arc::clone(&self.access),
+            log: AccountsLog::History(self.service.clone()),
+            lang: self.lang,
+            demo: self.demo,
+            simulated: !self.simulated.is_empty(),
+            name: self.name().into(),
+            origin: Arc::clone(&self.origin),
+            is_tls: self.tls.is_some(),
         }
     }
 

@@ -1,7 +1,6 @@
 //! Events about logins, and about changes of permissions.
 
-use super::{Caller, Gate};
-use crate::site::Site;
+use super::{AccountsApi, Caller, Gate};
 use railbus_api::problem::{Problem, codes};
 use railbus_app::render::out;
 use railbus_site::Service;
@@ -9,16 +8,50 @@ use railbus_store::audit::Origin;
 use railbus_store::history::{Event, EventKind, Severity};
 use std::time::Instant;
 
+/// What is printed by whoever reports it.
+#[cfg(feature = "fleet")]
+const PRINTED: [&str; 3] = ["logged_in", "login_refused", "logins_many"];
+
+/// Where logins and changes of permissions are recorded.
+#[derive(Clone, Debug)]
+pub(crate) enum AccountsLog {
+    /// The events of a site.
+    History(Service),
+    /// Standard error, of a program without events.
+    #[cfg(feature = "fleet")]
+    Printed,
+}
+
+impl AccountsLog {
+    fn record(&self, event: Event) {
+        match self {
+            AccountsLog::History(service) => service.tell_event(event),
+            // Logins are printed by whoever reports them.
+            #[cfg(feature = "fleet")]
+            AccountsLog::Printed
+                if PRINTED.contains(&event.code.as_deref().unwrap_or_default()) => {}
+            #[cfg(feature = "fleet")]
+            AccountsLog::Printed => {
+                let words = [&event.code, &event.what, &event.text];
+                let words: Vec<&str> = words.into_iter().flatten().map(String::as_str).collect();
+                let [who, via] =
+                    [&event.who, &event.via].map(|text| text.as_deref().unwrap_or("–"));
+                out::note(&format!("accounts: {} by {who} via {via}", words.join(" ")));
+            }
+        }
+    }
+}
+
 /// Reports a login attempt; nothing else does. An unknown name may be a password typed into the
 /// wrong field, so it is not recorded.
 pub(crate) fn note_login(
-    (access, service): (&Gate, &Service),
+    (access, log): (&Gate, &AccountsLog),
     name: Option<&str>,
     via: &str,
     refused: Option<&Problem>,
 ) {
     if refused.is_some_and(|why| why.code == codes::TRIES.code) {
-        return note_tries(access, service, via);
+        return note_tries(access, log, via);
     }
     let known = |name: &&str| access.read(|accounts| accounts.user(name).is_some());
     let name = name.filter(|name| refused.is_none() || known(name));
@@ -35,30 +68,36 @@ pub(crate) fn note_login(
             Event::new(EventKind::Login, Severity::Warning, "login_refused").text(&why.code)
         }
     };
-    service.tell_event(event.by(&origin));
+    log.record(event.by(&origin));
 }
 
 /// Reports too many attempts at a limited rate, so that they cannot flood the history.
-fn note_tries(access: &Gate, service: &Service, via: &str) {
+fn note_tries(access: &Gate, log: &AccountsLog, via: &str) {
     if !access.is_time_to_tell(Instant::now()) {
         return;
     }
     out::note(&format!("login: too many tries, the last via {via}"));
     let event = Event::new(EventKind::Login, Severity::Warning, "logins_many");
-    service.tell_event(event.by(&Origin {
+    log.record(event.by(&Origin {
         who: "an unknown name".to_owned(),
         via: via.to_owned(),
     }));
 }
 
 /// Reports a change of permissions, and whom it concerns.
-pub(super) fn note_change(site: &Site, who: &Caller, code: &str, of: &str, text: Option<&str>) {
+pub(super) fn note_change(
+    api: &AccountsApi,
+    who: &Caller,
+    code: &str,
+    of: &str,
+    text: Option<&str>,
+) {
     let event = Event::new(EventKind::Login, Severity::Info, code).by(&who.origin());
     let event = match of {
         "" => event,
         of => event.what(of),
     };
-    site.service.tell_event(match text {
+    api.log.record(match text {
         Some(text) => event.text(text),
         None => event,
     });

@@ -6,10 +6,9 @@ use super::notes::{note_change, note_login};
 use super::secret::Secret;
 use super::sessions::csrf;
 use super::tries::Who;
-use super::{Caller, Known, Need, Role, RoleSchema, password, to_its_end};
+use super::{AccountsApi, Caller, Known, Need, Role, RoleSchema, password, to_its_end};
 use crate::doc::Doc;
 use crate::route::{Answer, Route};
-use crate::site::Site;
 use crate::{answer, body};
 use axum::Extension;
 use axum::body::Bytes;
@@ -27,27 +26,27 @@ use utoipa::ToSchema;
 
 /// The routes of this file.
 pub(crate) const ROUTES: &[Route] = &[
-    Route::new("GET", "/session", Need::Nothing, || get(session))
+    Route::of_accounts("GET", "/session", Need::Nothing, || get(session))
         .secret()
         .doc(Doc::new("Who asks, and what there is to know before").answers::<SessionTold>()),
-    Route::new("POST", "/setup", Need::Nothing, || post(set_up)).doc(
+    Route::of_accounts("POST", "/setup", Need::Nothing, || post(set_up)).doc(
         Doc::new("Make the first user, with the key of the one-time link")
             .takes::<SetupRequest>()
             .answers::<SessionTold>(),
     ),
-    Route::new("POST", "/login", Need::Nothing, || post(log_in)).doc(
+    Route::of_accounts("POST", "/login", Need::Nothing, || post(log_in)).doc(
         Doc::new("Begin a session, which its cookie carries")
             .takes::<LoginRequest>()
             .answers::<SessionTold>(),
     ),
-    Route::new("POST", "/logout", Need::VIEWER, || post(log_out))
+    Route::of_accounts("POST", "/logout", Need::VIEWER, || post(log_out))
         .doc(Doc::new("End one's session").answers::<SessionTold>()),
-    Route::new("POST", "/password", Need::VIEWER, || post(new_password)).doc(
+    Route::of_accounts("POST", "/password", Need::VIEWER, || post(new_password)).doc(
         Doc::new("Change one's password; one's other sessions end")
             .takes::<PasswordRequest>()
             .answers::<Changed>(),
     ),
-    Route::new("POST", "/setup-link", Need::Owner, || post(setup_link))
+    Route::of_accounts("POST", "/setup-link", Need::Owner, || post(setup_link))
         .doc(Doc::new("Another link for the first user").answers::<SetupLink>()),
 ];
 
@@ -136,17 +135,21 @@ pub(crate) fn read<T: DeserializeOwned>(body: &[u8]) -> Result<T, Problem> {
 }
 
 /// `GET /session`.
-async fn session(State(site): State<Site>, who: Extension<Caller>, headers: HeaderMap) -> Answer {
+async fn session(
+    State(api): State<AccountsApi>,
+    who: Extension<Caller>,
+    headers: HeaderMap,
+) -> Answer {
     let csrf = match who.known {
-        Known::Session { .. } => site.access.cookie(&headers).map(csrf),
+        Known::Session { .. } => api.access.cookie(&headers).map(csrf),
         _ => None,
     };
-    answer::json(Ok(told(&site, &who, csrf)))
+    answer::json(Ok(told(&api, &who, csrf)))
 }
 
 /// A session as reported to its owner.
-fn told(site: &Site, who: &Caller, csrf: Option<String>) -> SessionTold {
-    let chosen = site.access.read(|accounts| {
+fn told(api: &AccountsApi, who: &Caller, csrf: Option<String>) -> SessionTold {
+    let chosen = api.access.read(|accounts| {
         let user = accounts.user(&who.name);
         user.and_then(|user| user.lang.clone())
     });
@@ -156,51 +159,46 @@ fn told(site: &Site, who: &Caller, csrf: Option<String>) -> SessionTold {
             role,
             points: who.points.to_vec(),
         }),
-        setup: site.access.is_new(),
+        setup: api.access.is_new(),
         csrf,
-        demo: site.demo,
-        simulated: !site.simulated.is_empty(),
+        demo: api.demo,
+        simulated: api.simulated,
         version: env!("CARGO_PKG_VERSION"),
-        lang: chosen.unwrap_or_else(|| site.lang.name().to_owned()),
-        site: site.name(),
+        lang: chosen.unwrap_or_else(|| api.lang.name().to_owned()),
+        site: api.name.to_string(),
     }
 }
 
 /// `POST /setup`: creates the first user, who may do everything.
 async fn set_up(
-    State(site): State<Site>,
+    State(api): State<AccountsApi>,
     who: Extension<Caller>,
     peer: Option<Extension<Peer>>,
     body: Bytes,
 ) -> Answer {
     to_its_end(async move {
-        let end = first_user(&site, address(peer), &body).await;
+        let end = first_user(&api, address(peer), &body).await;
         let name = end.as_ref().ok().map(|(name, _)| name.as_str());
-        note_login(
-            (&site.access, &site.service),
-            name,
-            &who.via,
-            end.as_ref().err(),
-        );
+        note_login((&api.access, &api.log), name, &who.via, end.as_ref().err());
         if let Some(name) = name {
             let first = Caller {
                 name: name.to_owned(),
                 ..who.0.clone()
             };
-            note_change(&site, &first, "user_added", name, Some(Role::Admin.name()));
+            note_change(&api, &first, "user_added", name, Some(Role::Admin.name()));
         }
-        begun((&site, &who), end)
+        begun((&api, &who), end)
     })
     .await
 }
 
 async fn first_user(
-    site: &Site,
+    api: &AccountsApi,
     address: IpAddr,
     body: &[u8],
 ) -> Result<(String, Secret), Problem> {
     let wanted: SetupRequest = read(body)?;
-    let access = &site.access;
+    let access = &api.access;
     let whose = [Who::address(address)];
     access.take_try(&whose)?;
     if !access.is_new() {
@@ -240,7 +238,7 @@ async fn first_user(
 
 /// `POST /login`.
 async fn log_in(
-    State(site): State<Site>,
+    State(api): State<AccountsApi>,
     who: Extension<Caller>,
     peer: Option<Extension<Peer>>,
     body: Bytes,
@@ -251,33 +249,33 @@ async fn log_in(
             Err(problem) => return answer::problem(&problem),
         };
         let LoginRequest { name, password } = wanted;
-        let end = site.access.log_in(&name, password, address(peer)).await;
+        let end = api.access.log_in(&name, password, address(peer)).await;
         note_login(
-            (&site.access, &site.service),
+            (&api.access, &api.log),
             Some(&name),
             &who.via,
             end.as_ref().err(),
         );
-        begun((&site, &who), end.map(|secret| (name, secret)))
+        begun((&api, &who), end.map(|secret| (name, secret)))
     })
     .await
 }
 
 /// The answer to a login: the session, and its cookie.
-fn begun((site, who): (&Site, &Caller), end: Result<(String, Secret), Problem>) -> Answer {
+fn begun((api, who): (&AccountsApi, &Caller), end: Result<(String, Secret), Problem>) -> Answer {
     let (name, secret) = match end {
         Ok(begun) => begun,
         Err(problem) => return refused(&problem),
     };
-    let user = site.access.read(|accounts| accounts.user(&name).cloned());
+    let user = api.access.read(|accounts| accounts.user(&name).cloned());
     let who = Caller {
         role: user.as_ref().map(|user| user.role),
         points: user.map(|user| user.points.into()).unwrap_or_default(),
         name,
         ..who.clone()
     };
-    let told = told(site, &who, Some(csrf(secret.expose())));
-    with_cookie(answer::json(Ok(told)), site, secret.expose(), None)
+    let told = told(api, &who, Some(csrf(secret.expose())));
+    with_cookie(answer::json(Ok(told)), api, secret.expose(), None)
 }
 
 /// A refusal that says when to try again.
@@ -294,9 +292,9 @@ fn refused(problem: &Problem) -> Answer {
     response
 }
 
-fn with_cookie(mut response: Answer, site: &Site, value: &str, age: Option<u32>) -> Answer {
-    let name = &site.access.cookie_name;
-    let secure = if site.tls.is_some() { "; Secure" } else { "" };
+fn with_cookie(mut response: Answer, api: &AccountsApi, value: &str, age: Option<u32>) -> Answer {
+    let name = &api.access.cookie_name;
+    let secure = if api.is_tls { "; Secure" } else { "" };
     let age = age
         .map(|age| format!("; Max-Age={age}"))
         .unwrap_or_default();
@@ -310,36 +308,36 @@ fn with_cookie(mut response: Answer, site: &Site, value: &str, age: Option<u32>)
 }
 
 /// `POST /logout`.
-async fn log_out(State(site): State<Site>, who: Extension<Caller>) -> Answer {
+async fn log_out(State(api): State<AccountsApi>, who: Extension<Caller>) -> Answer {
     to_its_end(async move {
         if let Some(key) = Gate::session_of(&who) {
-            site.access.sessions.end(key);
-            site.access.changed();
+            api.access.sessions.end(key);
+            api.access.changed();
             // Reported as ended once that is stored.
-            if let Err(problem) = site.access.sessions.keep().await {
+            if let Err(problem) = api.access.sessions.keep().await {
                 return answer::problem(&problem);
             }
-            note_change(&site, &who, "logged_out", "", None);
+            note_change(&api, &who, "logged_out", "", None);
         }
         let nobody = Caller {
             role: None,
             ..who.0
         };
-        let told = told(&site, &nobody, None);
-        with_cookie(answer::json(Ok(told)), &site, "", Some(0))
+        let told = told(&api, &nobody, None);
+        with_cookie(answer::json(Ok(told)), &api, "", Some(0))
     })
     .await
 }
 
 /// `POST /password`: changes the caller's password. All other sessions of the user end.
 async fn new_password(
-    State(site): State<Site>,
+    State(api): State<AccountsApi>,
     who: Extension<Caller>,
     peer: Option<Extension<Peer>>,
     body: Bytes,
 ) -> Answer {
     to_its_end(async move {
-        match change_password(&site, &who, address(peer), &body).await {
+        match change_password(&api, &who, address(peer), &body).await {
             Ok(()) => answer::json(Ok(Changed {
                 changed: who.0.name,
             })),
@@ -350,13 +348,13 @@ async fn new_password(
 }
 
 async fn change_password(
-    site: &Site,
+    api: &AccountsApi,
     who: &Caller,
     address: IpAddr,
     body: &[u8],
 ) -> Result<(), Problem> {
     let wanted: PasswordRequest = read(body)?;
-    let access = &site.access;
+    let access = &api.access;
     let Some(key) = Gate::session_of(who) else {
         let reason = "only a user who has logged in has a password";
         return Err(Problem::new(codes::FORBIDDEN).with("reason", reason));
@@ -367,13 +365,13 @@ async fn change_password(
     access
         .change_own_password((&who.name, &logins), new, key)
         .await?;
-    note_change(site, who, "password_changed", "", None);
+    note_change(api, who, "password_changed", "", None);
     Ok(())
 }
 
 /// `POST /setup-link`, for the owner: a new link for the first user.
-async fn setup_link(State(site): State<Site>) -> Answer {
-    let link = site.access.setup_link(&site.origin);
+async fn setup_link(State(api): State<AccountsApi>) -> Answer {
+    let link = api.access.setup_link(&api.origin);
     let minutes = super::setup::LIFE.as_secs() / 60;
     answer::json(link.map(|setup_link| SetupLink {
         setup_link,

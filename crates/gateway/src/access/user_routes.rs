@@ -5,11 +5,10 @@ use super::desk::{AddToken, AddUser, ChangeUser, MadeToken, Removed, Tokens, Use
 use super::gate::Gate;
 use super::notes::note_change;
 use super::sessions::SessionInfo;
-use super::{Caller, Need, desk, to_its_end};
+use super::{AccountsApi, Caller, Need, desk, to_its_end};
 use crate::answer;
 use crate::doc::Doc;
 use crate::route::{Answer, Route};
-use crate::site::Site;
 use axum::Extension;
 use axum::body::Bytes;
 use axum::extract::{Path, State};
@@ -25,36 +24,36 @@ use utoipa::ToSchema;
 
 /// The routes of this file.
 pub(crate) const ROUTES: &[Route] = &[
-    Route::new("GET", "/users", Need::ADMIN, || get(users))
+    Route::of_accounts("GET", "/users", Need::ADMIN, || get(users))
         .doc(Doc::new("All users").answers::<Users>()),
-    Route::new("POST", "/users", Need::ADMIN, || post(add_user)).doc(
+    Route::of_accounts("POST", "/users", Need::ADMIN, || post(add_user)).doc(
         Doc::new("Add a user")
             .takes::<AddUser>()
             .answers::<UserInfo>(),
     ),
-    Route::new("PATCH", "/users/{name}", Need::ADMIN, || patch(change_user)).doc(
+    Route::of_accounts("PATCH", "/users/{name}", Need::ADMIN, || patch(change_user)).doc(
         Doc::new("Change a user")
             .takes::<ChangeUser>()
             .answers::<UserInfo>(),
     ),
-    Route::new("DELETE", "/users/{name}", Need::ADMIN, || {
+    Route::of_accounts("DELETE", "/users/{name}", Need::ADMIN, || {
         delete(remove_user)
     })
     .doc(Doc::new("Remove a user").answers::<Removed>()),
-    Route::new("GET", "/tokens", Need::ADMIN, || get(tokens))
+    Route::of_accounts("GET", "/tokens", Need::ADMIN, || get(tokens))
         .doc(Doc::new("All tokens, without themselves").answers::<Tokens>()),
-    Route::new("POST", "/tokens", Need::ADMIN, || post(add_token)).doc(
+    Route::of_accounts("POST", "/tokens", Need::ADMIN, || post(add_token)).doc(
         Doc::new("Make a token, which is told this once")
             .takes::<AddToken>()
             .answers::<MadeToken>(),
     ),
-    Route::new("DELETE", "/tokens/{id}", Need::ADMIN, || {
+    Route::of_accounts("DELETE", "/tokens/{id}", Need::ADMIN, || {
         delete(remove_token)
     })
     .doc(Doc::new("Revoke a token, by its id or its name").answers::<Removed>()),
-    Route::new("GET", "/sessions", Need::ADMIN, || get(sessions))
+    Route::of_accounts("GET", "/sessions", Need::ADMIN, || get(sessions))
         .doc(Doc::new("Who is logged in").answers::<Sessions>()),
-    Route::new("DELETE", "/sessions/{id}", Need::ADMIN, || {
+    Route::of_accounts("DELETE", "/sessions/{id}", Need::ADMIN, || {
         delete(end_session)
     })
     .doc(Doc::new("End a session").answers::<Removed>()),
@@ -67,98 +66,98 @@ struct Sessions {
     sessions: Vec<SessionInfo>,
 }
 
-async fn users(State(site): State<Site>) -> Answer {
-    answer::json(Ok(desk::users(&site.access)))
+async fn users(State(api): State<AccountsApi>) -> Answer {
+    answer::json(Ok(desk::users(&api.access)))
 }
 
 /// The answer to a change, which is also reported as an event: whom it concerns, by the key of the
 /// answer, and what changed.
 fn noted(
-    (site, who, code): (&Site, &Caller, &str),
+    (api, who, code): (&AccountsApi, &Caller, &str),
     (key, text): (&str, Option<&str>),
     end: Result<Value, Problem>,
 ) -> Answer {
     if let Ok(done) = &end {
         let of = done[key].as_str().unwrap_or_default();
         let text = text.or(done["role"].as_str());
-        note_change(site, who, code, of, text);
+        note_change(api, who, code, of, text);
     }
     answer::json(end)
 }
 
-async fn add_user(State(site): State<Site>, who: Extension<Caller>, body: Bytes) -> Answer {
+async fn add_user(State(api): State<AccountsApi>, who: Extension<Caller>, body: Bytes) -> Answer {
     to_its_end(async move {
-        let end = desk::add_user(&site.access, &body).await;
-        noted((&site, &who.0, "user_added"), ("name", None), end)
+        let end = desk::add_user(&api.access, &body).await;
+        noted((&api, &who.0, "user_added"), ("name", None), end)
     })
     .await
 }
 
 async fn change_user(
-    State(site): State<Site>,
+    State(api): State<AccountsApi>,
     Path(name): Path<String>,
     who: Extension<Caller>,
     body: Bytes,
 ) -> Answer {
     to_its_end(async move {
         let own = Gate::session_of(&who);
-        let end = desk::change_user(&site.access, &name, own, &body).await;
+        let end = desk::change_user(&api.access, &name, own, &body).await;
         let keys: BTreeMap<String, IgnoredAny> = serde_json::from_slice(&body).unwrap_or_default();
         let known = ["role", "points", "password", "locked"].into_iter();
         let known: Vec<&str> = known.filter(|key| keys.contains_key(*key)).collect();
         let text = known.join(" ");
-        noted((&site, &who.0, "user_changed"), ("name", Some(&text)), end)
+        noted((&api, &who.0, "user_changed"), ("name", Some(&text)), end)
     })
     .await
 }
 
 async fn remove_user(
-    State(site): State<Site>,
+    State(api): State<AccountsApi>,
     Path(name): Path<String>,
     who: Extension<Caller>,
 ) -> Answer {
     to_its_end(async move {
-        let end = desk::remove_user(&site.access, &name).await;
-        noted((&site, &who.0, "user_removed"), ("removed", None), end)
+        let end = desk::remove_user(&api.access, &name).await;
+        noted((&api, &who.0, "user_removed"), ("removed", None), end)
     })
     .await
 }
 
-async fn tokens(State(site): State<Site>) -> Answer {
-    answer::json(Ok(desk::tokens(&site.access)))
+async fn tokens(State(api): State<AccountsApi>) -> Answer {
+    answer::json(Ok(desk::tokens(&api.access)))
 }
 
-async fn add_token(State(site): State<Site>, who: Extension<Caller>, body: Bytes) -> Answer {
+async fn add_token(State(api): State<AccountsApi>, who: Extension<Caller>, body: Bytes) -> Answer {
     to_its_end(async move {
-        let end = desk::add_token(&site.access, &who.name, &body).await;
-        noted((&site, &who.0, "token_created"), ("name", None), end)
+        let end = desk::add_token(&api.access, &who.name, &body).await;
+        noted((&api, &who.0, "token_created"), ("name", None), end)
     })
     .await
 }
 
 async fn remove_token(
-    State(site): State<Site>,
+    State(api): State<AccountsApi>,
     Path(id): Path<String>,
     who: Extension<Caller>,
 ) -> Answer {
     to_its_end(async move {
-        let all = site
+        let all = api
             .access
             .read(|accounts| accounts.tokens(Timestamp::now()));
         let named = all.into_iter().find(|token| token.id == id);
         let name = named.map_or_else(|| id.clone(), |token| token.name);
-        let end = desk::remove_token(&site.access, &id).await;
+        let end = desk::remove_token(&api.access, &id).await;
         if end.is_ok() {
-            note_change(&site, &who, "token_revoked", &name, None);
+            note_change(&api, &who, "token_revoked", &name, None);
         }
         answer::json(end)
     })
     .await
 }
 
-async fn sessions(State(site): State<Site>, who: Extension<Caller>) -> Answer {
+async fn sessions(State(api): State<AccountsApi>, who: Extension<Caller>) -> Answer {
     let current = Gate::session_of(&who);
-    let sessions = site.access.sessions.list(current, Instant::now());
+    let sessions = api.access.sessions.list(current, Instant::now());
     answer::json(Ok(Sessions {
         schema: 1,
         sessions,
@@ -166,22 +165,22 @@ async fn sessions(State(site): State<Site>, who: Extension<Caller>) -> Answer {
 }
 
 async fn end_session(
-    State(site): State<Site>,
+    State(api): State<AccountsApi>,
     Path(id): Path<String>,
     who: Extension<Caller>,
 ) -> Answer {
     to_its_end(async move {
-        let all = site.access.sessions.list(None, Instant::now());
+        let all = api.access.sessions.list(None, Instant::now());
         let whose = all.into_iter().find(|session| session.id == id);
-        if !site.access.sessions.end_by_id(&id) {
+        if !api.access.sessions.end_by_id(&id) {
             return answer::problem(&Problem::new(codes::NO_SUCH_SESSION).with("name", id));
         }
-        site.access.changed();
-        if let Err(problem) = site.access.sessions.keep().await {
+        api.access.changed();
+        if let Err(problem) = api.access.sessions.keep().await {
             return answer::problem(&problem);
         }
         let whose = whose.map(|session| session.user).unwrap_or_default();
-        note_change(&site, &who, "session_ended", &whose, None);
+        note_change(&api, &who, "session_ended", &whose, None);
         answer::json(Ok(Removed { removed: id }))
     })
     .await
