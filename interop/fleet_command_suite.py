@@ -6,14 +6,16 @@ import contextlib
 import http.client
 import json
 import signal
+import ssl
+import subprocess
 import threading
 import time
 
 from fleet import Fleet, asked, messages
 from fleet_hub_suite import Hub, Site, is_so
 from fleet_uplink_suite import SITE, Plant
-from modbus_tcp import PATIENCE, until
-from rig import Tally
+from modbus_tcp import HOST, PATIENCE, PROGRAM, until
+from rig import Tally, free_port
 
 # What the centre may switch there.
 WRITE = ["oven", "hall"]
@@ -413,6 +415,96 @@ def killed(s, fleet, hub, other, site, session, done):
     s.check(entry, (status, said), (200, {"value": True}), "given again")
 
 
+def account(fleet, hub, *words, password=None):
+    """`railbus token` or `railbus user` for the centre; exit code and what it says."""
+    command = [PROGRAM, *words, "--fleet", str(fleet.folder)]
+    if hub:
+        command += ["--socket", hub.socket]
+    ran = subprocess.run(command, input=password, capture_output=True, text=True, check=False)
+    return ran.returncode, ran.stdout.strip(), ran.stderr
+
+
+def networked(s, hub):
+    """Over TCP, by the accounts of the centre."""
+    entry = lambda what: f"over the network: {what}"
+    # It is no centre that listens yet: its accounts are a file.
+    code, viewer, error = account(s.fleet, None, "token", "create", "look", "--role", "viewer")
+    s.check(entry("each by its role"), code, 0, f"a token: {error}")
+    held, port = free_port()
+    hub.end(signal.SIGTERM)
+    hub.start("--listen", f"{HOST}:{port}", "--tls", "auto")
+    code, _, error = account(s.fleet, None, "token", "list")
+    s.check(entry("each by its role"), (code != 0, "E0917" in error), (True, True), error)
+    code, operator, error = account(s.fleet, hub, "token", "create", "ops", "--role", "operator")
+    s.check(entry("each by its role"), code, 0, f"through its socket: {error}")
+    code, _, error = account(s.fleet, hub, "user", "add", "li", "--role", "admin",
+                             "--password-file", "-", password="correct horse battery\n")
+    s.check(entry("a session"), code, 0, error)
+    trusts = ssl.create_default_context(cafile=s.fleet.hub("tls.pem"))
+
+    def ask(method, path, headers=(), body=None):
+        connection = http.client.HTTPSConnection("localhost", port, timeout=PATIENCE,
+                                                 context=trusts)
+        try:
+            text = None if body is None else json.dumps(body)
+            connection.request(method, path, text, dict(headers))
+            answer = connection.getresponse()
+            return answer.status, answer.headers, json.loads(answer.read())
+        finally:
+            connection.close()
+
+    bearer = lambda token: {"authorization": f"Bearer {token}"}
+    point, on = f"{FAR}/points/oven/k6", {"value": True}
+    # k6 is locked, so that the site's own answer tells it from the centre's.
+    for who, headers, read, wrote in (
+            ("nobody", {}, "E0902", "E0902"), ("a wrong token", bearer("rb_x"), "E0902", "E0902"),
+            ("a viewer", bearer(viewer), None, "E0905")):
+        what = entry("each by its role" if read is None else "nobody without an account")
+        for path in ("/fleet/v1/sites", f"{FAR}/points/oven/k1"):
+            s.check(what, ask("GET", path, headers)[2].get("code"), read, f"{who} reads {path}")
+        s.check(what, ask("PUT", point, headers, on)[2].get("code"), wrote, f"{who} switches")
+        s.check(what, ask("GET", "/api/v1/users", headers)[2].get("code"),
+                "E0905" if read is None else "E0902", f"{who} asks for the users")
+    is_so(s, entry("TLS"), lambda: hub.site(SITE).get("current"), True, "")
+    before = relays(s)[2]
+    body = {"value": not before}
+    status, _, told = ask("PUT", f"{FAR}/points/oven/k3", bearer(operator), body)
+    s.check(entry("each by its role"), (status, told.get("value"), relays(s)[2]),
+            (200, not before, int(not before)), f"an operator: {told}")
+    newest = hub.get("/fleet/v1/commands")[1]["commands"][-1]
+    s.check(entry("the record says who"), newest["user"], "token:ops", f"{newest}")
+    audit = s.ask("GET", "/audit?limit=1")["items"][0]
+    s.check(entry("the record says who"), audit.get("who"), f"outlet:{s.name}:token:ops", "a site")
+    login = {"name": "li", "password": "correct horse battery"}
+    status, headers, told = ask("POST", "/api/v1/login", body=login)
+    role = told.get("user", {}).get("role")
+    s.check(entry("a session"), (status, role), (200, "admin"), f"{told}")
+    cookie = {"cookie": headers["set-cookie"].split(";")[0]}
+    s.check(entry("a session"), "Secure" in headers["set-cookie"], True, "its cookie")
+    body, path = {"value": bool(before)}, f"{FAR}/points/oven/k3"
+    s.check(entry("a session"), ask("PUT", path, cookie, body)[2].get("code"), "E0908",
+            "from a page of others")
+    own = {**cookie, "x-csrf-token": told["csrf"]}
+    s.check(entry("a session"), (ask("PUT", path, own, body)[0], relays(s)[2]), (200, before),
+            "from our own")
+    code, _, error = account(s.fleet, hub, "token", "revoke", "look")
+    s.check(entry("each by its role"), code, 0, error)
+    s.check(entry("each by its role"), ask("GET", "/fleet/v1/sites", bearer(viewer))[0], 401,
+            "revoked")
+    said = hub.said.read_text(encoding="utf-8")
+    secrets = (viewer, operator, "correct horse battery", told["csrf"],
+               cookie["cookie"].split("=", 1)[1])
+    s.check(entry("the record says who"), [word in said for word in secrets], [False] * 5,
+            "no secret is printed")
+    s.check(entry("the record says who"), "accounts: token_created ops" in said, True, said)
+    wide = subprocess.run([PROGRAM, "fleet", "serve", str(s.fleet.folder), "--socket",
+                           f"{hub.socket}.2", "--listen", "0.0.0.0:0"],
+                          capture_output=True, text=True, check=False)
+    s.check(entry("TLS"), (wide.returncode != 0, "E0903" in wide.stderr), (True, True),
+            wide.stderr)
+    held.close()
+
+
 @contextlib.contextmanager
 def centres():
     """A fleet, and two processes of its centre."""
@@ -440,6 +532,7 @@ def suite():
         foreign(s)
         late(s, hub)
         site_killed(s, hub)
+        networked(s, hub)
     return tally
 
 

@@ -52,9 +52,9 @@ class Hub:
         self.said = pathlib.Path(self.place.name) / "log"
         self.process = None
 
-    def start(self):
+    def start(self, *more):
         """Starts it; returns once it tells."""
-        words = [PROGRAM, "fleet", "serve", str(self.fleet.folder), "--socket", self.socket]
+        words = [PROGRAM, "fleet", "serve", str(self.fleet.folder), "--socket", self.socket, *more]
         with open(self.said, "a", encoding="utf-8") as log:
             self.process = subprocess.Popen(words, stdout=log, stderr=log)
         until(self.is_connected)

@@ -742,6 +742,7 @@ a centre that is killed meanwhile: another one ends it
 two processes of the centre: one end
 what was sent twice: carried out once
 what is only asked: not carried out
+over the network: {nobody without an account,each by its role,the record says who,a session,TLS}
 """
 
 FLEET_LEADERS = """

@@ -1,7 +1,7 @@
 //! A client of the centre of a fleet, over its socket.
 
 use super::http::send;
-use super::{plain, read};
+use super::{encoded, plain, read};
 use hyper::Method;
 use railbus_api::fleet::{FleetCommands, FleetSitePoints, FleetSites};
 use railbus_api::problem::{Problem, codes};
@@ -69,6 +69,26 @@ impl HubClient {
     /// It can't be reached.
     pub async fn commands(&self) -> Result<FleetCommands, Problem> {
         self.get("/fleet/v1/commands").await
+    }
+
+    /// A request concerning its accounts: `["users", "li"]` is `/api/v1/users/li`.
+    ///
+    /// # Errors
+    /// What it says, or that it can't be reached.
+    pub async fn request(
+        &self,
+        method: Method,
+        path: &[&str],
+        body: &Value,
+    ) -> Result<Value, Problem> {
+        let path: Vec<String> = path.iter().map(|part| encoded(part)).collect();
+        let path = format!("/api/v1/{}", path.join("/"));
+        let body = serde_json::to_vec(body).unwrap_or_default();
+        let answer = send(&self.socket, method, &path, body).await;
+        let answer = answer.map_err(unreached)?;
+        // It answered that it was done: only its answer could not be read.
+        let said = read(&self.socket, &answer.whole().await?);
+        said.map_err(|problem| problem.perhaps_acted(true))
     }
 
     async fn get<T: DeserializeOwned>(&self, path: &str) -> Result<T, Problem> {

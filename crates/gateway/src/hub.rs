@@ -1,5 +1,5 @@
 //! The centre of a fleet: what `railbus fleet serve` runs. It admits the sites, hears what they
-//! say, and tells its owner over a Unix socket.
+//! say, and answers its owner over a Unix socket and, if it listens, clients over TCP.
 //!
 //! # Where things are
 //! - What is decided, without I/O: `railbus_fleet::centre` and `railbus_fleet::ledger`. What drives
@@ -16,7 +16,10 @@ mod routes;
 mod site_api;
 mod view;
 
+use crate::access::{AccountsApi, AccountsLog, Gate};
 use crate::listen::{self, ConnectionLimit};
+use crate::tcp::{self, Network, Reached};
+use crate::tls::CertificateSource;
 use crate::{Asked, Signals, cut_off, deadline, listen_on_socket, no_socket, say};
 use driver::Driver;
 use link::HubFiles;
@@ -24,7 +27,11 @@ use railbus_app::failure::Failure;
 use railbus_app::socket;
 use railbus_words::{Code, Lang};
 pub use revoke::{Revocation, revoke_issued, revoke_keys};
+use routes::HubAudience;
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use tokio::net::TcpListener;
 use tokio::sync::{mpsc, watch};
 
 /// How many requests wait for the driver.
@@ -39,6 +46,7 @@ railbus_words::texts! {
         zh: "按 Ctrl-C 停止；各站点继续运行",
     }
     Connected { en: "connected to {server}", zh: "已连接 {server}" }
+    NoAccount { en: "no account yet: {add}", zh: "尚无账户：{add}" }
     CantServeFleet { en: "can't run the centre", zh: "无法运行站群中心" }
 }
 
@@ -49,6 +57,65 @@ pub struct HubOptions {
     pub folder: PathBuf,
     /// The socket, if one is named.
     pub socket: Option<PathBuf>,
+    /// Where it listens for programs with a token, if anywhere.
+    pub listen: Option<SocketAddr>,
+    /// Certificate and key, if it uses TLS.
+    pub tls: Option<CertificateSource>,
+    /// Names by which it is reached.
+    pub names: Vec<String>,
+}
+
+/// The command that serves.
+const SERVE: &str = "railbus fleet serve DIR";
+
+/// What clients over TCP reach.
+struct HubNetwork {
+    tcp: TcpListener,
+    reached: Reached,
+    accounts: AccountsApi,
+}
+
+impl HubNetwork {
+    /// Listens for clients who have accounts in the folder of the centre.
+    async fn open(lang: Lang, wanted: &HubOptions) -> Result<Option<HubNetwork>, Failure> {
+        let Some(listen) = wanted.listen else {
+            return Ok(None);
+        };
+        let network = Network {
+            listen,
+            tls: wanted.tls.clone(),
+            names: wanted.names.clone(),
+        };
+        let state = link::folder(&wanted.folder);
+        let add = "railbus user add NAME --role admin --fleet DIR";
+        network.may_listen(lang, Some(&state), (SERVE, Some(add)))?;
+        let tcp = tcp::bind(lang, listen, SERVE).await?;
+        let access = Gate::open(&state);
+        let access = access.map_err(|problem| Failure::of_problem(lang, &problem))?;
+        let reached = Reached::open(lang, &tcp, &network, &state)?;
+        let accounts = AccountsApi {
+            access: Arc::new(access),
+            log: AccountsLog::Printed,
+            lang,
+            demo: false,
+            simulated: false,
+            name: name(&wanted.folder).into(),
+            origin: reached.origin.as_str().into(),
+            is_tls: reached.tls.is_some(),
+        };
+        Ok(Some(HubNetwork {
+            tcp,
+            reached,
+            accounts,
+        }))
+    }
+}
+
+/// The name of a fleet: that of its folder.
+fn name(folder: &Path) -> String {
+    let folder = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
+    let name = folder.file_name().unwrap_or(folder.as_os_str());
+    name.to_string_lossy().into_owned()
 }
 
 /// Serves until it is stopped.
@@ -70,22 +137,48 @@ async fn serve(lang: Lang, wanted: &HubOptions, files: HubFiles) -> Result<(), F
     // Without its socket nobody could ask it.
     let socket = listen_on_socket(lang, wanted.socket.as_deref(), socket::HUB)?
         .map_err(|(path, error)| no_socket(lang, &path, &error))?;
-    announce(lang, &wanted.folder, &files, socket.path());
+    let network = HubNetwork::open(lang, wanted).await?;
+    announce(
+        lang,
+        &wanted.folder,
+        &files,
+        socket.path(),
+        network.as_ref(),
+    );
     let (calls, asked) = mpsc::channel(CALLS_MAX);
     let (stop, stopped) = watch::channel(false);
     let driver = Driver::new(lang, files, asked, stopped.clone());
     let driving = tokio::spawn(driver.run());
-    let limit = ConnectionLimit::new();
-    let router = routes::router(calls);
-    let listening = tokio::spawn(listen::unix(socket, router, limit.clone(), stopped));
+    let [limit, socket_limit] = [ConnectionLimit::new(), ConnectionLimit::new()];
+    let accounts = network.as_ref().map(|network| network.accounts.clone());
+    let router = routes::router(calls.clone(), HubAudience::Owner(accounts.as_ref()));
+    let over_socket = listen::unix(socket, router, socket_limit.clone(), stopped.clone());
+    let mut listening = vec![tokio::spawn(over_socket)];
+    let mut tls = None;
+    if let Some(HubNetwork {
+        tcp,
+        reached,
+        accounts,
+    }) = network
+    {
+        let router = routes::router(calls, HubAudience::Network(&accounts, reached.front));
+        let over_tcp = listen::tcp(tcp, reached.tls.clone(), router, limit.clone(), stopped);
+        listening.push(tokio::spawn(over_tcp));
+        tls = reached.tls;
+    }
     // There is no configuration to read again.
-    while signals.next().await != Asked::Stop {}
+    while signals.next().await != Asked::Stop {
+        tcp::reload_tls(lang, tls.as_deref());
+    }
     deadline::after(deadline::END_MAX, move || cut_off(lang));
     // Fails if there is no receiver left.
     let _ = stop.send(true);
     // Fails if one panicked, which was reported.
-    let _ = tokio::join!(listening, driving);
-    limit.emptied().await;
+    for task in listening {
+        let _ = task.await;
+    }
+    let _ = driving.await;
+    tokio::join!(limit.emptied(), socket_limit.emptied());
     Ok(())
 }
 
@@ -94,15 +187,34 @@ fn cant_serve(lang: Lang, error: std::io::Error) -> Failure {
     Failure::new(Code::System, lang.get(HubText::CantServeFleet).to_owned()).because(error)
 }
 
-fn announce(lang: Lang, folder: &Path, files: &HubFiles, socket: &Path) {
+fn announce(
+    lang: Lang,
+    folder: &Path,
+    files: &HubFiles,
+    socket: &Path,
+    network: Option<&HubNetwork>,
+) {
     let version = env!("CARGO_PKG_VERSION");
-    let folder = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
-    let name = folder.file_name().unwrap_or(folder.as_os_str());
-    let name = name.to_string_lossy();
+    let api = network.map(|network| {
+        let tls = network.reached.tls.as_deref();
+        let tls = tls.map(|tls| format!("\n  tls     SHA-256 {}", tls.fingerprint()));
+        let user = network.accounts.access.has_none().then(|| {
+            let (folder, socket) = (folder.display(), socket.display());
+            let of = format!("--fleet {folder} --socket {socket}");
+            let add = format!("railbus token create NAME --role ROLE {of}");
+            format!(
+                "\n          {}",
+                lang.fill(HubText::NoAccount, &[("add", &add)])
+            )
+        });
+        let (user, tls) = (user.unwrap_or_default(), tls.unwrap_or_default());
+        format!("\n  api     {}/fleet/v1{user}{tls}", network.reached.origin)
+    });
     say(&format!(
-        "railbus {version}  {}\n  servers {}\n  socket  {}\n  {}",
-        lang.fill(HubText::Serves, &[("name", &name)]),
+        "railbus {version}  {}\n  servers {}{}\n  socket  {}\n  {}",
+        lang.fill(HubText::Serves, &[("name", &name(folder))]),
         files.servers.join(" "),
+        api.unwrap_or_default(),
         socket.display(),
         lang.get(HubText::Stop)
     ));

@@ -39,10 +39,12 @@ pub(super) struct GivenCommand {
     /// The caller gave the id: it may have been sent before.
     pub(super) is_again: bool,
     /// When it was given, since the machine was booted.
-    given: Duration,
+    pub(super) given: Duration,
     method: String,
     path: String,
     body: Bytes,
+    /// Who gave it.
+    user: String,
     language: String,
 }
 
@@ -66,7 +68,7 @@ impl GivenCommand {
         (site, key): (String, Option<&str>),
         (method, path): (&str, &str),
         body: Bytes,
-        language: &str,
+        (user, language): (&str, &str),
     ) -> Result<GivenCommand, Problem> {
         let wrong = |reason: &str| Problem::new(codes::BAD_REQUEST).with("reason", reason);
         // Other requests may have secrets in them, and must not be recorded.
@@ -103,6 +105,7 @@ impl GivenCommand {
             method: method.to_owned(),
             path: path.to_owned(),
             body,
+            user: user.to_owned(),
             // Without it, errors have no texts.
             language: match language.len() > LANGUAGE_MAX {
                 true => String::new(),
@@ -143,8 +146,7 @@ impl GivenCommand {
             method: self.method.clone(),
             path: self.path.clone(),
             body: self.body.to_vec(),
-            // Only the owner of the centre can open its socket.
-            user: "owner".to_owned(),
+            user: self.user.clone(),
             language: self.language.clone(),
             boot: time.map_or_else(Vec::new, |(boot, _)| boot.to_vec()),
             valid_until_ms: until,
@@ -252,7 +254,7 @@ mod tests {
     fn given(key: Option<&str>, body: &str) -> Result<GivenCommand, Problem> {
         let body = Bytes::from(body.to_owned());
         let place = ("PUT", "/api/v1/points/oven/k1");
-        GivenCommand::new(("plant7".to_owned(), key), place, body, "")
+        GivenCommand::new(("plant7".to_owned(), key), place, body, ("li", ""))
     }
 
     #[test]
@@ -291,7 +293,7 @@ mod tests {
     fn only_commands_are_recorded() {
         let code = |method, path| {
             let place = ("plant7".to_owned(), None);
-            let given = GivenCommand::new(place, (method, path), Bytes::new(), "");
+            let given = GivenCommand::new(place, (method, path), Bytes::new(), ("li", ""));
             given.err().map(|problem| problem.code)
         };
         for (method, path) in [

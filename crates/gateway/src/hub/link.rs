@@ -94,6 +94,11 @@ pub(super) struct Link {
     _keys: KeyIssuer,
 }
 
+/// The folder of the centre in that of its fleet.
+pub(super) fn folder(fleet: &Path) -> PathBuf {
+    fleet.join("hub")
+}
+
 fn no_streams(reason: &dyn ToString) -> Problem {
     Problem::new(codes::FLEET_STREAMS).with("reason", reason.to_string())
 }
@@ -108,7 +113,7 @@ impl HubFiles {
     /// # Errors
     /// The addresses of the servers can't be read. Other files are read at each connection.
     pub(super) fn read(folder: &Path) -> Result<HubFiles, Problem> {
-        let hub = folder.join("hub");
+        let hub = self::folder(folder);
         let path = hub.join("servers");
         let text = std::fs::read_to_string(&path).map_err(|error| unusable(&path, &error))?;
         let servers: Vec<String> = text.split_whitespace().map(str::to_owned).collect();

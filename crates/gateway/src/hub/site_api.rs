@@ -156,15 +156,18 @@ fn transit(passed: Duration, took: Duration) -> Duration {
 }
 
 /// The request that may be passed on to a site; the problem if it may not.
-pub(super) fn request(method: &Method, path: &str, language: &str) -> Result<ApiRequest, Problem> {
+pub(super) fn request(
+    method: &Method,
+    path: &str,
+    (user, language): (&str, &str),
+) -> Result<ApiRequest, Problem> {
     if method != Method::GET {
         return Err(remote_api::not_remote(method.as_str()));
     }
     Ok(ApiRequest {
         method: method.as_str().to_owned(),
         path: path.to_owned(),
-        // Only the owner of the centre can open its socket.
-        user: "owner".to_owned(),
+        user: user.to_owned(),
         language: language.to_owned(),
     })
 }
@@ -243,10 +246,11 @@ mod tests {
     #[test]
     fn only_what_reads_is_passed_on() {
         for method in [Method::PUT, Method::POST, Method::PATCH, Method::DELETE] {
-            let refused = request(&method, "/api/v1/points/oven/k1", "").unwrap_err();
+            let refused = request(&method, "/api/v1/points/oven/k1", ("li", "")).unwrap_err();
             assert_eq!(refused.code, "E0937");
         }
-        let passed = request(&Method::GET, "/api/v1/points", "zh").unwrap();
+        let passed = request(&Method::GET, "/api/v1/points", ("li", "zh")).unwrap();
         assert_eq!((&*passed.method, &*passed.language), ("GET", "zh"));
+        assert_eq!(passed.user, "li");
     }
 }

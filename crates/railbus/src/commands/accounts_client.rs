@@ -1,13 +1,25 @@
-//! Access to the accounts: through the daemon, or in the file of the state folder if none runs.
+//! Access to the accounts: through the daemon, or in the file of the state folder if none runs; and
+//! to those of the centre of a fleet.
 
 use super::Context;
+use super::context::hub_socket;
+use crate::args;
 use crate::backend::DaemonClient;
+use clap::{Arg, ArgMatches, value_parser};
 use hyper::Method;
 use railbus_api::problem::{Problem, codes};
 use railbus_app::failure::Failure;
+use railbus_client::HubClient;
 use railbus_gateway::access::{Gate, desk};
+use railbus_words::{Code, Lang, Phrase};
 use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
+
+/// The folder of the centre in that of its fleet.
+const HUB: &str = "hub";
+/// A file that each such folder has.
+const OF_HUB: &str = "servers";
 
 /// A request concerning the accounts.
 pub(super) enum AccountRequest<'a> {
@@ -24,14 +36,41 @@ pub(super) enum AccountRequest<'a> {
 /// What holds the accounts.
 enum Accounts {
     Daemon(DaemonClient),
+    Hub(HubClient),
     File(Arc<Gate>),
 }
 
+/// `--fleet`: the accounts of the centre of a fleet instead of those of the site.
+pub(super) fn fleet(lang: Lang, help: impl Phrase) -> Arg {
+    args::flag(lang, "fleet", help)
+        .value_name("DIR")
+        .value_parser(value_parser!(PathBuf))
+}
+
 /// Carries out a request and returns its result.
-pub(super) fn send(context: &Context, request: &AccountRequest<'_>) -> Result<Value, Failure> {
+pub(super) fn send(
+    context: &Context,
+    matches: &ArgMatches,
+    request: &AccountRequest<'_>,
+) -> Result<Value, Failure> {
+    let fleet = matches.try_get_one::<PathBuf>("fleet").ok().flatten();
     context.block(async {
-        let told = match Accounts::find(context).await? {
-            Accounts::Daemon(daemon) => of_daemon(&daemon, request).await,
+        let found = match fleet {
+            Some(folder) => Accounts::of_fleet(context, matches, folder),
+            None => Accounts::find(context).await,
+        };
+        let told = match found? {
+            Accounts::Daemon(daemon) => {
+                let (method, path, body) = request.http();
+                daemon.request(method, &path, &body).await
+            }
+            Accounts::Hub(hub) => {
+                // A site has accounts, too: what is no centre must not get the request.
+                let sites = hub.sites().await;
+                sites.map_err(|problem| context.failure(&problem))?;
+                let (method, path, body) = request.http();
+                hub.request(method, &path, &body).await
+            }
             Accounts::File(access) => of_file(&access, request).await,
         };
         told.map_err(|problem| context.failure(&problem))
@@ -48,21 +87,47 @@ impl Accounts {
         let access = access.map_err(|problem| context.failure(&problem))?;
         Ok(Accounts::File(Arc::new(access)))
     }
+
+    /// Those of a fleet's centre: through its socket if that is named, or else in its folder, which
+    /// a centre that listens has locked.
+    fn of_fleet(
+        context: &Context,
+        matches: &ArgMatches,
+        folder: &Path,
+    ) -> Result<Accounts, Failure> {
+        let hub = folder.join(HUB);
+        // Another folder would be made one with accounts.
+        if let Err(error) = std::fs::metadata(hub.join(OF_HUB)) {
+            let file = hub.join(OF_HUB).display().to_string();
+            let failure = Failure::of(context.lang, Code::FleetFile);
+            return Err(failure.because(format!("{file}: {error}")));
+        }
+        if let Some(socket) = hub_socket(matches) {
+            return Ok(Accounts::Hub(HubClient::at(&socket)));
+        }
+        let access = Gate::open(&hub);
+        let access = access.map_err(|problem| context.failure(&problem))?;
+        Ok(Accounts::File(Arc::new(access)))
+    }
 }
 
-async fn of_daemon(daemon: &DaemonClient, request: &AccountRequest<'_>) -> Result<Value, Problem> {
-    let nothing = json!({});
-    let (method, path, body) = match request {
-        AccountRequest::Users => (Method::GET, vec!["users"], &nothing),
-        AccountRequest::AddUser(user) => (Method::POST, vec!["users"], user),
-        AccountRequest::ChangeUser(name, change) => (Method::PATCH, vec!["users", name], change),
-        AccountRequest::RemoveUser(name) => (Method::DELETE, vec!["users", name], &nothing),
-        AccountRequest::Tokens => (Method::GET, vec!["tokens"], &nothing),
-        AccountRequest::AddToken(token) => (Method::POST, vec!["tokens"], token),
-        AccountRequest::RevokeToken(name) => (Method::DELETE, vec!["tokens", name], &nothing),
-        AccountRequest::SetupLink => (Method::POST, vec!["setup-link"], &nothing),
-    };
-    daemon.request(method, &path, body).await
+impl<'a> AccountRequest<'a> {
+    /// The request of the API.
+    fn http(&self) -> (Method, Vec<&'a str>, Value) {
+        let nothing = json!({});
+        match self {
+            AccountRequest::Users => (Method::GET, vec!["users"], nothing),
+            AccountRequest::AddUser(user) => (Method::POST, vec!["users"], user.clone()),
+            AccountRequest::ChangeUser(name, change) => {
+                (Method::PATCH, vec!["users", name], change.clone())
+            }
+            AccountRequest::RemoveUser(name) => (Method::DELETE, vec!["users", name], nothing),
+            AccountRequest::Tokens => (Method::GET, vec!["tokens"], nothing),
+            AccountRequest::AddToken(token) => (Method::POST, vec!["tokens"], token.clone()),
+            AccountRequest::RevokeToken(name) => (Method::DELETE, vec!["tokens", name], nothing),
+            AccountRequest::SetupLink => (Method::POST, vec!["setup-link"], nothing),
+        }
+    }
 }
 
 async fn of_file(access: &Arc<Gate>, request: &AccountRequest<'_>) -> Result<Value, Problem> {

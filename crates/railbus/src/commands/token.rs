@@ -1,6 +1,6 @@
 //! `railbus token`: tokens with which programs use the daemon over HTTP.
 
-use super::accounts_client::{AccountRequest, send};
+use super::accounts_client::{AccountRequest, fleet, send};
 use super::user::{UserText, points, points_of, role};
 use super::{Context, accounts_table};
 use crate::args;
@@ -18,7 +18,8 @@ pub(crate) const NAME: &str = "token";
 pub(crate) fn define(lang: Lang) -> Command {
     let verb = |name, about, usage| {
         let examples = args::examples(lang, UserText::TokenExamples);
-        args::verb(lang, name, about, usage).before_help(examples)
+        let verb = args::verb(lang, name, about, usage).before_help(examples);
+        verb.arg(fleet(lang, UserText::Fleet))
     };
     let name = || {
         let help = lang.get(UserText::TokenName);
@@ -62,12 +63,12 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     match verb {
         "create" => create(&context, name, matches),
         "list" => {
-            let told = send(&context, &AccountRequest::Tokens)?;
+            let told = send(&context, matches, &AccountRequest::Tokens)?;
             let records = accounts_table::tokens(lang, &told);
             out::result(lang, &records.render(context.format))
         }
         _ => {
-            let told = send(&context, &AccountRequest::RevokeToken(name))?;
+            let told = send(&context, matches, &AccountRequest::RevokeToken(name))?;
             let text = match context.format {
                 Format::Table => lang.fill(UserText::TokenRevoked, &[("name", &name)]) + "\n",
                 _ => records::line(told),
@@ -85,7 +86,7 @@ fn create(context: &Context, name: &str, matches: &ArgMatches) -> Result<(), Fai
         "points": points_of(matches),
         "expires_days": matches.get_one::<u32>("expires").copied().unwrap_or(90),
     });
-    let told = send(context, &AccountRequest::AddToken(request))?;
+    let told = send(context, matches, &AccountRequest::AddToken(request))?;
     if matches!(context.format, Format::Json | Format::Ndjson) {
         return out::result(lang, &records::line(told));
     }

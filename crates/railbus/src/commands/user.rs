@@ -3,7 +3,7 @@
 mod prompt;
 mod texts;
 
-use super::accounts_client::{AccountRequest, send};
+use super::accounts_client::{AccountRequest, fleet, send};
 use super::{Context, accounts_table};
 use crate::args;
 use crate::texts::Text;
@@ -21,10 +21,11 @@ pub(crate) const NAME: &str = "user";
 
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
-    let verb = |name, about, usage| {
+    let bare = |name, about, usage| {
         let examples = args::examples(lang, UserText::Examples);
         args::verb(lang, name, about, usage).before_help(examples)
     };
+    let verb = |name, about, usage| bare(name, about, usage).arg(fleet(lang, UserText::Fleet));
     let add = verb("add", UserText::Add, "railbus user add NAME --role ROLE")
         .arg(name(lang))
         .arg(role(lang))
@@ -43,7 +44,7 @@ pub(crate) fn define(lang: Lang) -> Command {
         .subcommand(verb("lock", UserText::Lock, "railbus user lock NAME").arg(name(lang)))
         .subcommand(verb("unlock", UserText::Unlock, "railbus user unlock NAME").arg(name(lang)))
         .subcommand(verb("remove", UserText::Remove, "railbus user remove NAME").arg(name(lang)))
-        .subcommand(verb(
+        .subcommand(bare(
             "setup-link",
             UserText::SetupLink,
             "railbus user setup-link",
@@ -105,8 +106,8 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     };
     let locked = |locked: bool| AccountRequest::ChangeUser(name(), json!({ "locked": locked }));
     let (request, done) = match verb {
-        "list" => return list(&context),
-        "setup-link" => return setup_link(&context),
+        "list" => return list(&context, matches),
+        "setup-link" => return setup_link(&context, matches),
         "add" => {
             let user = json!({
                 "name": name(),
@@ -127,7 +128,7 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         "unlock" => (locked(false), UserText::Unlocked),
         _ => (AccountRequest::RemoveUser(name()), UserText::Removed),
     };
-    let told = send(&context, &request)?;
+    let told = send(&context, matches, &request)?;
     let text = match context.format {
         Format::Table => lang.fill(done, &[("name", &name())]) + "\n",
         _ => records::line(told),
@@ -135,14 +136,14 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     out::result(lang, &text)
 }
 
-fn list(context: &Context) -> Result<(), Failure> {
-    let told = send(context, &AccountRequest::Users)?;
+fn list(context: &Context, matches: &ArgMatches) -> Result<(), Failure> {
+    let told = send(context, matches, &AccountRequest::Users)?;
     let records = accounts_table::users(context.lang, &told);
     out::result(context.lang, &records.render(context.format))
 }
 
-fn setup_link(context: &Context) -> Result<(), Failure> {
-    let told = send(context, &AccountRequest::SetupLink)?;
+fn setup_link(context: &Context, matches: &ArgMatches) -> Result<(), Failure> {
+    let told = send(context, matches, &AccountRequest::SetupLink)?;
     let link = told.get("setup_link").and_then(Value::as_str);
     let text = match context.format {
         Format::Json | Format::Ndjson => records::line(told),

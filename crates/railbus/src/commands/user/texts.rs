@@ -39,6 +39,11 @@ railbus_words::texts! {
         en: "Outputs that may be switched, e.g. pump.*; default all",
         zh: "可操作的输出，如 pump.*；省略则为全部",
     }
+    Fleet {
+        en: "Accounts of the centre of the fleet in this folder; while that listens, name its \
+            --socket, too",
+        zh: "此站群的中心账户；中心监听网络时须另加 --socket",
+    }
     PasswordFile {
         en: "Read the password from the first line of a file, - for stdin; default: ask",
         zh: "从文件首行读取密码，- 为标准输入；省略则提示输入",
