@@ -415,11 +415,11 @@ def killed(s, fleet, hub, other, site, session, done):
     s.check(entry, (status, said), (200, {"value": True}), "given again")
 
 
-def account(fleet, hub, *words, password=None):
+def account(fleet, socket, *words, password=None):
     """`railbus token` or `railbus user` for the centre; exit code and what it says."""
     command = [PROGRAM, *words, "--fleet", str(fleet.folder)]
-    if hub:
-        command += ["--socket", hub.socket]
+    if socket:
+        command += ["--socket", socket]
     ran = subprocess.run(command, input=password, capture_output=True, text=True, check=False)
     return ran.returncode, ran.stdout.strip(), ran.stderr
 
@@ -433,11 +433,16 @@ def networked(s, hub):
     held, port = free_port()
     hub.end(signal.SIGTERM)
     hub.start("--listen", f"{HOST}:{port}", "--tls", "auto")
-    code, _, error = account(s.fleet, None, "token", "list")
+    other = f"{hub.socket}.none"
+    code, _, error = account(s.fleet, other, "token", "list")
     s.check(entry("each by its role"), (code != 0, "E0917" in error), (True, True), error)
-    code, operator, error = account(s.fleet, hub, "token", "create", "ops", "--role", "operator")
+    code, _, error = account(s.fleet, s.daemon.socket, "token", "list")
+    s.check(entry("each by its role"), (code != 0, "E0917" in error), (True, True),
+            f"a site is not asked instead: {error}")
+    code, operator, error = account(s.fleet, hub.socket, "token", "create", "ops",
+                                    "--role", "operator")
     s.check(entry("each by its role"), code, 0, f"through its socket: {error}")
-    code, _, error = account(s.fleet, hub, "user", "add", "li", "--role", "admin",
+    code, _, error = account(s.fleet, hub.socket, "user", "add", "li", "--role", "admin",
                              "--password-file", "-", password="correct horse battery\n")
     s.check(entry("a session"), code, 0, error)
     trusts = ssl.create_default_context(cafile=s.fleet.hub("tls.pem"))
@@ -487,7 +492,7 @@ def networked(s, hub):
     own = {**cookie, "x-csrf-token": told["csrf"]}
     s.check(entry("a session"), (ask("PUT", path, own, body)[0], relays(s)[2]), (200, before),
             "from our own")
-    code, _, error = account(s.fleet, hub, "token", "revoke", "look")
+    code, _, error = account(s.fleet, hub.socket, "token", "revoke", "look")
     s.check(entry("each by its role"), code, 0, error)
     s.check(entry("each by its role"), ask("GET", "/fleet/v1/sites", bearer(viewer))[0], 401,
             "revoked")
@@ -524,7 +529,8 @@ def suite():
     tally = Tally("fleet, commands")
     with centres() as (fleet, hub, other), Writable(fleet, None, tally) as s:
         for centre in (hub, other):
-            is_so(s, "a far output: switched", lambda: centre.site(SITE).get("current"), True, "")
+            current = lambda centre=centre: centre.site(SITE).get("current")
+            is_so(s, "a far output: switched", current, True, centre.socket)
         switched(s, hub)
         refused(s, hub)
         once(s, hub, other)

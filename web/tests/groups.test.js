@@ -16,7 +16,7 @@ for (const look of LOOKS.filter(({ lang, width }) => (lang === "zh") === (width 
   test(`groups and scenes are edited: ${look.lang}, ${look.width} px`, async () => {
     const { context, page, wrong } = await open(browser, look);
     await context.addCookies(cookies);
-    await context.addInitScript((lang) => localStorage.setItem("lang", lang), look.lang);
+    await context.addInitScript((lang) => localStorage.setItem("railbus.lang", lang), look.lang);
     await page.goto(`${daemon.origin}/groups`);
     const kept = async (kind, id) => {
       const all = await (await context.request.get(`${daemon.origin}/api/v1/${kind}s`)).json();

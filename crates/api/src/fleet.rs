@@ -24,6 +24,16 @@ pub struct FleetSites {
     pub sites: Vec<FleetSite>,
 }
 
+/// `GET /fleet/v1/accounts`, for the owner of the centre: which accounts it has.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FleetAccounts {
+    /// The version of the API.
+    pub schema: u8,
+    /// The folder of the fleet whose accounts it has locked; none if it does not listen.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub folder: Option<String>,
+}
+
 /// The centre's connection to its servers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct HubConnection {

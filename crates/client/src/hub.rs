@@ -1,9 +1,9 @@
 //! A client of the centre of a fleet, over its socket.
 
 use super::http::send;
-use super::{encoded, plain, read};
+use super::{api_path, plain, read};
 use hyper::Method;
-use railbus_api::fleet::{FleetCommands, FleetSitePoints, FleetSites};
+use railbus_api::fleet::{FleetAccounts, FleetCommands, FleetSitePoints, FleetSites};
 use railbus_api::problem::{Problem, codes};
 use railbus_app::socket;
 use serde::de::DeserializeOwned;
@@ -71,6 +71,14 @@ impl HubClient {
         self.get("/fleet/v1/commands").await
     }
 
+    /// Which accounts it has.
+    ///
+    /// # Errors
+    /// It can't be reached, or is no centre.
+    pub async fn accounts(&self) -> Result<FleetAccounts, Problem> {
+        self.get("/fleet/v1/accounts").await
+    }
+
     /// A request concerning its accounts: `["users", "li"]` is `/api/v1/users/li`.
     ///
     /// # Errors
@@ -81,10 +89,8 @@ impl HubClient {
         path: &[&str],
         body: &Value,
     ) -> Result<Value, Problem> {
-        let path: Vec<String> = path.iter().map(|part| encoded(part)).collect();
-        let path = format!("/api/v1/{}", path.join("/"));
         let body = serde_json::to_vec(body).unwrap_or_default();
-        let answer = send(&self.socket, method, &path, body).await;
+        let answer = send(&self.socket, method, &api_path(path), body).await;
         let answer = answer.map_err(unreached)?;
         // It answered that it was done: only its answer could not be read.
         let said = read(&self.socket, &answer.whole().await?);

@@ -443,9 +443,7 @@ impl DaemonClient {
         path: &[&str],
         body: &Value,
     ) -> Result<Value, Problem> {
-        let path: Vec<String> = path.iter().map(|part| encoded(part)).collect();
-        let path = format!("/api/v1/{}", path.join("/"));
-        self.send(method, &path, body).await
+        self.send(method, &api_path(path), body).await
     }
 
     async fn ask(&self, method: Method, path: &str, body: Vec<u8>) -> Result<Answer, Problem> {
@@ -598,6 +596,12 @@ fn point(path: &str, what: &str) -> String {
         encoded(module),
         encoded(label)
     )
+}
+
+/// The path of the API with these parts.
+fn api_path(parts: &[&str]) -> String {
+    let parts: Vec<String> = parts.iter().map(|part| encoded(part)).collect();
+    format!("/api/v1/{}", parts.join("/"))
 }
 
 /// With everything but letters, digits and `_*-` as `%XX`.

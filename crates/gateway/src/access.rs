@@ -20,7 +20,6 @@ pub(crate) use accounts::is_selector;
 pub(crate) use accounts_api::AccountsApi;
 pub use gate::Gate;
 pub(super) use gate::{Peer, identify};
-pub(crate) use notes::AccountsLog;
 #[cfg(feature = "opcua")]
 pub(crate) use notes::note_login;
 pub(super) use session_routes::{ROUTES as SESSION_ROUTES, read};

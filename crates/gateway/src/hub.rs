@@ -16,7 +16,7 @@ mod routes;
 mod site_api;
 mod view;
 
-use crate::access::{AccountsApi, AccountsLog, Gate};
+use crate::access::{AccountsApi, Gate};
 use crate::listen::{self, ConnectionLimit};
 use crate::tcp::{self, Network, Reached};
 use crate::tls::CertificateSource;
@@ -65,9 +65,6 @@ pub struct HubOptions {
     pub names: Vec<String>,
 }
 
-/// The command that serves.
-const SERVE: &str = "railbus fleet serve DIR";
-
 /// What clients over TCP reach.
 struct HubNetwork {
     tcp: TcpListener,
@@ -87,15 +84,18 @@ impl HubNetwork {
             names: wanted.names.clone(),
         };
         let state = link::folder(&wanted.folder);
-        let add = "railbus user add NAME --role admin --fleet DIR";
-        network.may_listen(lang, Some(&state), (SERVE, Some(add)))?;
-        let tcp = tcp::bind(lang, listen, SERVE).await?;
-        let access = Gate::open(&state);
+        let folder = wanted.folder.display();
+        let serve = format!("railbus fleet serve {folder}");
+        let add = format!("railbus user add NAME --role admin --fleet {folder}");
+        network.may_listen(lang, Some(&state), (&serve, Some(&add)))?;
+        let tcp = tcp::bind(lang, listen, &serve).await?;
+        // Another process of this centre has them: this one can serve without listening.
+        let access = Gate::open(&state).map_err(|problem| problem.with_hint(serve));
         let access = access.map_err(|problem| Failure::of_problem(lang, &problem))?;
         let reached = Reached::open(lang, &tcp, &network, &state)?;
         let accounts = AccountsApi {
             access: Arc::new(access),
-            log: AccountsLog::Printed,
+            events: None,
             lang,
             demo: false,
             simulated: false,
@@ -121,7 +121,7 @@ fn name(folder: &Path) -> String {
 /// Serves until it is stopped.
 ///
 /// # Errors
-/// Its files can't be used, or it may not listen on its socket.
+/// Its files can't be used, or it may not listen on its socket or over TCP.
 pub fn run(lang: Lang, wanted: &HubOptions) -> Result<(), Failure> {
     let files = HubFiles::read(&wanted.folder);
     let files = files.map_err(|problem| Failure::of_problem(lang, &problem))?;
@@ -150,8 +150,9 @@ async fn serve(lang: Lang, wanted: &HubOptions, files: HubFiles) -> Result<(), F
     let driver = Driver::new(lang, files, asked, stopped.clone());
     let driving = tokio::spawn(driver.run());
     let [limit, socket_limit] = [ConnectionLimit::new(), ConnectionLimit::new()];
-    let accounts = network.as_ref().map(|network| network.accounts.clone());
-    let router = routes::router(calls.clone(), HubAudience::Owner(accounts.as_ref()));
+    let accounts = network.as_ref().map(|network| &network.accounts);
+    let owner = HubAudience::Owner(accounts, &wanted.folder);
+    let router = routes::router(lang, calls.clone(), owner);
     let over_socket = listen::unix(socket, router, socket_limit.clone(), stopped.clone());
     let mut listening = vec![tokio::spawn(over_socket)];
     let mut tls = None;
@@ -161,7 +162,7 @@ async fn serve(lang: Lang, wanted: &HubOptions, files: HubFiles) -> Result<(), F
         accounts,
     }) = network
     {
-        let router = routes::router(calls, HubAudience::Network(&accounts, reached.front));
+        let router = routes::router(lang, calls, HubAudience::Network(&accounts, reached.front));
         let over_tcp = listen::tcp(tcp, reached.tls.clone(), router, limit.clone(), stopped);
         listening.push(tokio::spawn(over_tcp));
         tls = reached.tls;
@@ -199,9 +200,10 @@ fn announce(
         let tls = network.reached.tls.as_deref();
         let tls = tls.map(|tls| format!("\n  tls     SHA-256 {}", tls.fingerprint()));
         let user = network.accounts.access.has_none().then(|| {
-            let (folder, socket) = (folder.display(), socket.display());
-            let of = format!("--fleet {folder} --socket {socket}");
-            let add = format!("railbus token create NAME --role ROLE {of}");
+            let add = format!(
+                "railbus token create NAME --role ROLE --fleet {}",
+                folder.display()
+            );
             format!(
                 "\n          {}",
                 lang.fill(HubText::NoAccount, &[("add", &add)])

@@ -5,7 +5,8 @@
 //! - An endpoint: the file of its subject (`points`, `control`, `history`, `config`, `scans`,
 //!   `settings`, …), with a row in that file's `ROUTES`; all tables are listed in `routes`.
 //!   What every handler needs: `site`. What must be so before one is called (who it is, what it
-//!   may, limits, headers): `access`, `guard`, `listen`. Users and API tokens, with their roles
+//!   may, limits, headers): `access`, `guard`, `listen`; where it listens, and with which
+//!   certificate: `tcp`. Users and API tokens, with their roles
 //!   and points: `access/accounts`; the role that a route needs: `Need` in its row; what a role
 //!   permits: `railbus_site`'s rights. A request that switches or changes something begins as
 //!   an `order`.

@@ -1,6 +1,6 @@
 //! What every handler needs of the daemon.
 
-use super::access::{AccountsApi, AccountsLog, Caller, Gate};
+use super::access::{AccountsApi, Caller, Gate};
 use super::config::Desk;
 use super::listen::ended;
 use super::northbound::Northbound;
@@ -60,7 +60,7 @@ impl Site {
     pub(super) fn accounts(&self) -> AccountsApi {
         AccountsApi {
             access: Arc::clone(&self.access),
-            log: AccountsLog::History(self.service.clone()),
+            events: Some(self.service.clone()),
             lang: self.lang,
             demo: self.demo,
             simulated: !self.simulated.is_empty(),

@@ -1,6 +1,7 @@
 //! What handlers of sessions and accounts need: of a site, or of another program that has accounts.
 
-use super::{AccountsLog, Gate};
+use super::Gate;
+use railbus_site::Service;
 use railbus_words::Lang;
 use std::sync::Arc;
 
@@ -9,8 +10,8 @@ use std::sync::Arc;
 pub(crate) struct AccountsApi {
     /// Accounts and permissions.
     pub(crate) access: Arc<Gate>,
-    /// Where logins and changes are recorded.
-    pub(crate) log: AccountsLog,
+    /// Where logins and changes are recorded; none in a program that has no events.
+    pub(crate) events: Option<Service>,
     /// The default language.
     pub(crate) lang: Lang,
     /// It is the demo: nothing is real.

@@ -179,7 +179,12 @@ async fn set_up(
     to_its_end(async move {
         let end = first_user(&api, address(peer), &body).await;
         let name = end.as_ref().ok().map(|(name, _)| name.as_str());
-        note_login((&api.access, &api.log), name, &who.via, end.as_ref().err());
+        note_login(
+            (&api.access, api.events.as_ref()),
+            name,
+            &who.via,
+            end.as_ref().err(),
+        );
         if let Some(name) = name {
             let first = Caller {
                 name: name.to_owned(),
@@ -251,7 +256,7 @@ async fn log_in(
         let LoginRequest { name, password } = wanted;
         let end = api.access.log_in(&name, password, address(peer)).await;
         note_login(
-            (&api.access, &api.log),
+            (&api.access, api.events.as_ref()),
             Some(&name),
             &who.via,
             end.as_ref().err(),

@@ -3,6 +3,7 @@
 use super::command::{self, GivenCommand};
 use super::driver::HubCall;
 use super::site_api;
+use super::view::SCHEMA;
 use crate::access::{AccountsApi, Caller, Need, Reach, SESSION_ROUTES, USER_ROUTES, check};
 use crate::guard::Front;
 use crate::route::{BASE, Route, RouteHandler};
@@ -15,7 +16,10 @@ use axum::http::{HeaderMap, Method, Response, Uri};
 use axum::middleware::{from_fn, from_fn_with_state};
 use axum::routing::{any, get};
 use axum::{Extension, Router};
+use railbus_api::fleet::FleetAccounts;
 use railbus_api::problem::{Problem, codes};
+use railbus_words::Lang;
+use std::path::Path as FilePath;
 use std::sync::Arc;
 use tokio::sync::{mpsc, oneshot};
 
@@ -26,31 +30,43 @@ const SETUP: &str = "/setup";
 
 /// Who is served.
 pub(super) enum HubAudience<'a> {
-    /// Its owner, over the socket; with accounts, if it has any.
-    Owner(Option<&'a AccountsApi>),
+    /// Its owner, over the socket; with the accounts, where it listens, and the fleet's folder.
+    Owner(Option<&'a AccountsApi>, &'a FilePath),
     /// Clients over TCP who have an account.
     Network(&'a AccountsApi, Arc<Front>),
 }
 
 /// All routes for these callers.
-pub(super) fn router(calls: Calls, audience: HubAudience<'_>) -> Router {
-    let (accounts, tcp) = match audience {
-        HubAudience::Owner(accounts) => (accounts, None),
+pub(super) fn router(lang: Lang, calls: Calls, audience: HubAudience<'_>) -> Router {
+    let (accounts, of_owner, tcp) = match audience {
+        HubAudience::Owner(accounts, folder) => {
+            let folder = accounts.and_then(|_| folder.canonicalize().ok());
+            let about = FleetAccounts {
+                schema: SCHEMA,
+                folder: folder.map(|folder| folder.display().to_string()),
+            };
+            let told = async move || answer::json(Ok(about.clone()));
+            let of_owner = Router::new().route("/fleet/v1/accounts", get(told));
+            (accounts, of_owner, None)
+        }
         HubAudience::Network(accounts, front) => {
-            (Some(accounts), Some((Arc::clone(&accounts.access), front)))
+            let tcp = Some((Arc::clone(&accounts.access), front));
+            (Some(accounts), Router::new(), tcp)
         }
     };
     let fleet = Router::new()
         .route("/fleet/v1/sites", get(sites))
         .route("/fleet/v1/sites/{site}", get(site))
         .route("/fleet/v1/commands", get(commands))
-        .route_layer(from_fn_with_state((Need::VIEWER, Reach::Harmless), check));
+        .route_layer(from_fn_with_state((Need::VIEWER, Reach::Harmless), check))
+        .layer(from_fn_with_state(lang, localize::problems));
     // Who is limited to some points of a site can't be held to them here.
     let reads = get(site_api).layer(from_fn_with_state((Need::VIEWER, Reach::Harmless), check));
     let orders = any(site_api).layer(from_fn_with_state((Need::OPERATOR, Reach::Beyond), check));
     let fleet = fleet.route("/s/{site}/{*path}", reads.merge(orders));
     let router = Router::new()
         .merge(fleet.with_state(calls))
+        .merge(of_owner)
         .route("/healthz", get(async || "ok\n"));
     let router = match accounts {
         Some(accounts) => router.nest(BASE, account_routes(accounts, tcp.is_none())),
@@ -148,13 +164,12 @@ pub(super) async fn call<T>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::access::{AccountsLog, Gate, Peer, desk};
+    use crate::access::{Gate, Peer, desk};
     use axum::http::{Request, StatusCode};
     use http_body_util::BodyExt as _;
     use hyper::service::Service as _;
     use hyper_util::service::TowerToHyperService;
     use railbus_api::fleet::FleetCommands;
-    use railbus_words::Lang;
     use serde_json::{Value, json};
     use std::net::{IpAddr, Ipv4Addr};
     use std::path::PathBuf;
@@ -176,7 +191,7 @@ mod tests {
             let gate = Gate::open(&folder).unwrap_or_else(|problem| panic!("{problem:?}"));
             let accounts = AccountsApi {
                 access: Arc::new(gate),
-                log: AccountsLog::Printed,
+                events: None,
                 lang: Lang::En,
                 demo: false,
                 simulated: false,
@@ -268,9 +283,9 @@ mod tests {
     fn routes_of(here: &Here, front: Option<Arc<Front>>) -> Router {
         let audience = match front {
             Some(front) => HubAudience::Network(&here.accounts, front),
-            None => HubAudience::Owner(Some(&here.accounts)),
+            None => HubAudience::Owner(Some(&here.accounts), &here.folder),
         };
-        router(here.calls.clone(), audience)
+        router(Lang::En, here.calls.clone(), audience)
     }
 
     #[tokio::test]
@@ -280,12 +295,12 @@ mod tests {
         let operator = here.token("ops", "operator", &[]).await;
         let limited = here.token("few", "operator", &["oven.*"]).await;
         let admin = here.token("root", "admin", &[]).await;
-        let nobody = String::new();
+        let anonymous = String::new();
         let away = (StatusCode::SERVICE_UNAVAILABLE, "E0168".to_owned());
         for (path, method, codes) in [
             ("/healthz", "GET", ["", "", "", "", ""]),
             ("/fleet/v1/commands", "GET", ["E0902", "", "", "", ""]),
-            // Nobody answers these here.
+            // The driver of this test drops these calls.
             (
                 "/fleet/v1/sites",
                 "GET",
@@ -304,11 +319,12 @@ mod tests {
                 "GET",
                 ["E0902", "E0905", "E0905", "E0905", ""],
             ),
+            ("/fleet/v1/accounts", "GET", ["E0110"; 5]),
             ("/api/v1/setup-link", "POST", ["E0110"; 5]),
             ("/api/v1/setup", "POST", ["E0110"; 5]),
             ("/api/v1/points", "GET", ["E0110"; 5]),
         ] {
-            let callers = [&nobody, &viewer, &limited, &operator, &admin];
+            let callers = [&anonymous, &viewer, &limited, &operator, &admin];
             for (caller, wanted) in callers.into_iter().zip(codes) {
                 let (status, code) = here.ask(Some(caller), method, path).await;
                 assert_eq!(code, wanted, "{method} {path} as {caller}: {status}");

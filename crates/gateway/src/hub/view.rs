@@ -14,7 +14,7 @@ use serde_json::Value;
 use std::time::Duration;
 
 /// The version of the API.
-const SCHEMA: u8 = 1;
+pub(super) const SCHEMA: u8 = 1;
 
 /// All sites.
 pub(super) fn sites(

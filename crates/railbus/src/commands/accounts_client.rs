@@ -3,6 +3,7 @@
 
 use super::Context;
 use super::context::hub_socket;
+use super::fleet::unusable;
 use crate::args;
 use crate::backend::DaemonClient;
 use clap::{Arg, ArgMatches, value_parser};
@@ -11,7 +12,7 @@ use railbus_api::problem::{Problem, codes};
 use railbus_app::failure::Failure;
 use railbus_client::HubClient;
 use railbus_gateway::access::{Gate, desk};
-use railbus_words::{Code, Lang, Phrase};
+use railbus_words::{Lang, Phrase};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -19,7 +20,7 @@ use std::sync::Arc;
 /// The folder of the centre in that of its fleet.
 const HUB: &str = "hub";
 /// A file that each such folder has.
-const OF_HUB: &str = "servers";
+const SERVERS: &str = "servers";
 
 /// A request concerning the accounts.
 pub(super) enum AccountRequest<'a> {
@@ -56,7 +57,7 @@ pub(super) fn send(
     let fleet = matches.try_get_one::<PathBuf>("fleet").ok().flatten();
     context.block(async {
         let found = match fleet {
-            Some(folder) => Accounts::of_fleet(context, matches, folder),
+            Some(folder) => Accounts::of_fleet(context, matches, folder).await,
             None => Accounts::find(context).await,
         };
         let told = match found? {
@@ -65,9 +66,6 @@ pub(super) fn send(
                 daemon.request(method, &path, &body).await
             }
             Accounts::Hub(hub) => {
-                // A site has accounts, too: what is no centre must not get the request.
-                let sites = hub.sites().await;
-                sites.map_err(|problem| context.failure(&problem))?;
                 let (method, path, body) = request.http();
                 hub.request(method, &path, &body).await
             }
@@ -88,27 +86,38 @@ impl Accounts {
         Ok(Accounts::File(Arc::new(access)))
     }
 
-    /// Those of a fleet's centre: through its socket if that is named, or else in its folder, which
-    /// a centre that listens has locked.
-    fn of_fleet(
+    /// Those of a fleet's centre: in its folder, or through the socket of the centre that has them
+    /// locked there.
+    async fn of_fleet(
         context: &Context,
         matches: &ArgMatches,
         folder: &Path,
     ) -> Result<Accounts, Failure> {
         let hub = folder.join(HUB);
-        // Another folder would be made one with accounts.
-        if let Err(error) = std::fs::metadata(hub.join(OF_HUB)) {
-            let file = hub.join(OF_HUB).display().to_string();
-            let failure = Failure::of(context.lang, Code::FleetFile);
-            return Err(failure.because(format!("{file}: {error}")));
+        // Any other folder would become one with accounts.
+        let servers = hub.join(SERVERS);
+        if let Err(error) = std::fs::metadata(&servers) {
+            return Err(unusable(context.lang, &servers, &error));
         }
-        if let Some(socket) = hub_socket(matches) {
-            return Ok(Accounts::Hub(HubClient::at(&socket)));
+        match Gate::open(&hub) {
+            Ok(access) => Ok(Accounts::File(Arc::new(access))),
+            Err(held) if held.code == codes::ACCOUNTS_HELD.code => {
+                let serving = serving(matches, folder).await;
+                let serving = serving.ok_or_else(|| context.failure(&held))?;
+                Ok(Accounts::Hub(serving))
+            }
+            Err(problem) => Err(context.failure(&problem)),
         }
-        let access = Gate::open(&hub);
-        let access = access.map_err(|problem| context.failure(&problem))?;
-        Ok(Accounts::File(Arc::new(access)))
     }
+}
+
+/// The centre that has the accounts of this fleet: another one must not get the request.
+async fn serving(matches: &ArgMatches, folder: &Path) -> Option<HubClient> {
+    let named = hub_socket(matches);
+    let hub = HubClient::find(named.as_deref()).await.ok()?;
+    let told = hub.accounts().await.ok()?.folder?;
+    let wanted = folder.canonicalize().ok()?;
+    (Path::new(&told) == wanted).then_some(hub)
 }
 
 impl<'a> AccountRequest<'a> {

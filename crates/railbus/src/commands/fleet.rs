@@ -115,6 +115,6 @@ pub(super) fn now() -> u64 {
 }
 
 /// A file of the fleet can't be used, for this reason.
-fn unusable(lang: Lang, file: &Path, reason: &dyn std::fmt::Display) -> Failure {
+pub(super) fn unusable(lang: Lang, file: &Path, reason: &dyn std::fmt::Display) -> Failure {
     Failure::of(lang, Code::FleetFile).because(format!("{}: {reason}", file.display()))
 }

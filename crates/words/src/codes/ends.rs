@@ -97,7 +97,8 @@ codes! {
     }
     AccountsHeld = "E0917" {
         title: ["the accounts are in use by another program", "账户正由其他程序使用"],
-        likely: ["a daemon on another socket uses them", "有守护进程在别的套接字上使用它们"],
+        likely: ["a daemon, or the centre of a fleet, on another socket uses them",
+            "有守护进程或站群中心在别的套接字上使用它们"],
         next: ["name its socket with --socket", "用 --socket 指定其套接字"],
     }
     NoSession = "E0918" {
@@ -251,10 +252,11 @@ codes! {
     NoKey = "E0939" {
         title: ["the centre of the fleet issued no key", "站群中心未签发密钥"],
         likely: ["it lacks files of the folder hub/ · its clock is wrong · the site has too many \
-            keys · another invitation is being accepted here",
-            "中心缺少 hub/ 中的文件 · 中心时钟有误 · 站点密钥过多 · 本站点正在接受另一邀请"],
-        next: ["see the log of the centre, then try again: what was made for it is kept",
-            "查看中心日志后重试：已生成的内容会保留"],
+            keys · it was asked too often · another invitation is being accepted here",
+            "中心缺少 hub/ 中的文件 · 中心时钟有误 · 站点密钥过多 · 请求过于频繁 · 本站点正在接受另一邀请"],
+        next: ["mend what the reason names, or wait ten seconds, and try again: what was made for \
+            it is kept",
+            "按原因处理，或等待十秒后重试：已生成的内容会保留"],
     }
     OtherFleet = "E0940" {
         title: ["the integration is of another fleet or site", "该集成属于其他站群或站点"],

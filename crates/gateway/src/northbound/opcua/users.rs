@@ -1,7 +1,7 @@
 //! Clients of the server as accounts of the daemon.
 
 use crate::access::secret::Secret;
-use crate::access::{AccountsLog, Gate, note_login};
+use crate::access::{Gate, note_login};
 use railbus_opcua::{ANONYMOUS, OpcuaUser, OpcuaUsers, SignIn};
 use railbus_site::{Rights, Role, Service};
 use std::collections::BTreeSet;
@@ -14,7 +14,7 @@ const LATE: Duration = Duration::from_secs(60);
 /// Who may use the server.
 pub(super) struct OutletUsers {
     accounts: Arc<Gate>,
-    log: AccountsLog,
+    service: Service,
     /// What they come by, as logs have it.
     via: String,
     allows_anonymous: bool,
@@ -31,7 +31,7 @@ impl OutletUsers {
     ) -> OutletUsers {
         OutletUsers {
             accounts: Arc::clone(accounts),
-            log: AccountsLog::History(service.clone()),
+            service: service.clone(),
             via: via.to_owned(),
             allows_anonymous,
             signed_in: Mutex::default(),
@@ -65,7 +65,8 @@ impl OpcuaUsers for OutletUsers {
             let known = end.as_ref().ok().and_then(|identity| self.user(identity));
             let told = known.as_ref().map_or(name, |user| &user.name);
             let refused = end.as_ref().err();
-            note_login((&self.accounts, &self.log), Some(told), &self.via, refused);
+            let events = Some(&self.service);
+            note_login((&self.accounts, events), Some(told), &self.via, refused);
             let identity = end.ok()?;
             self.identities().insert(identity.clone());
             Some(identity)

@@ -40,9 +40,8 @@ railbus_words::texts! {
         zh: "可操作的输出，如 pump.*；省略则为全部",
     }
     Fleet {
-        en: "Accounts of the centre of the fleet in this folder; while that listens, name its \
-            --socket, too",
-        zh: "此站群的中心账户；中心监听网络时须另加 --socket",
+        en: "Accounts of the centre of the fleet in this folder",
+        zh: "此文件夹中站群的中心账户",
     }
     PasswordFile {
         en: "Read the password from the first line of a file, - for stdin; default: ask",
