@@ -27,6 +27,7 @@ use railbus_app::failure::Failure;
 use railbus_app::socket;
 use railbus_words::{Code, Lang};
 pub use revoke::{Revocation, revoke_issued, revoke_keys};
+pub(crate) use routes::HubApi;
 use routes::HubAudience;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -100,6 +101,7 @@ impl HubNetwork {
             demo: false,
             simulated: false,
             name: name(&wanted.folder).into(),
+            is_far: false,
             origin: reached.origin.as_str().into(),
             is_tls: reached.tls.is_some(),
         };

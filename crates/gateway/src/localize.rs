@@ -18,6 +18,14 @@ use railbus_words::Lang;
 /// Problems are short: a longer body is none of ours.
 const PROBLEM_MAX: usize = 64 << 10;
 
+/// A response of another machine, whose problems have their texts from there.
+#[cfg_attr(
+    not(feature = "fleet"),
+    expect(dead_code, reason = "there are no sites but this one")
+)]
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ToldElsewhere;
+
 /// Adds the texts to each problem in a response.
 pub(super) async fn problems(State(lang): State<Lang>, request: Request, next: Next) -> Response {
     let lang = request
@@ -26,7 +34,8 @@ pub(super) async fn problems(State(lang): State<Lang>, request: Request, next: N
         .then(|| spoken(request.headers(), lang));
     let response = next.run(request).await;
     let kind = response.headers().get(CONTENT_TYPE);
-    let is_problem = kind.is_some_and(|kind| kind == "application/problem+json");
+    let is_own = response.extensions().get::<ToldElsewhere>().is_none();
+    let is_problem = is_own && kind.is_some_and(|kind| kind == "application/problem+json");
     match lang {
         Some(lang) if is_problem => in_words(lang, response).await,
         _ => response,

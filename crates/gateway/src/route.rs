@@ -2,6 +2,8 @@
 
 use super::access::{AccountsApi, Need, Reach};
 use super::doc::Doc;
+#[cfg(feature = "fleet")]
+use super::hub::HubApi;
 use super::site::Site;
 use axum::body::Body;
 use axum::extract::Query;
@@ -19,7 +21,7 @@ pub(super) type Asked = Query<BTreeMap<String, String>>;
 pub(super) struct Route {
     /// Its method, as HTTP writes it.
     pub(super) method: &'static str,
-    /// Its path below [`BASE`].
+    /// Its path below [`BASE`], or below that of the centre's API.
     pub(super) path: &'static str,
     /// The permission it requires.
     pub(super) need: Need,
@@ -46,6 +48,9 @@ pub(super) enum RouteHandler {
     Site(fn() -> MethodRouter<Site>),
     /// Only accounts, which other programs than a site have, too.
     Accounts(fn() -> MethodRouter<AccountsApi>),
+    /// The centre of a fleet.
+    #[cfg(feature = "fleet")]
+    Hub(fn() -> MethodRouter<HubApi>),
 }
 
 impl RouteHandler {
@@ -54,6 +59,9 @@ impl RouteHandler {
         match self {
             RouteHandler::Site(handler) => handler(),
             RouteHandler::Accounts(handler) => handler().with_state(accounts.clone()),
+            // No site has any.
+            #[cfg(feature = "fleet")]
+            RouteHandler::Hub(_) => MethodRouter::new(),
         }
     }
 }
@@ -76,6 +84,17 @@ impl Route {
         handler: fn() -> MethodRouter<AccountsApi>,
     ) -> Route {
         Route::with((method, path), need, RouteHandler::Accounts(handler))
+    }
+
+    /// One of the centre of a fleet.
+    #[cfg(feature = "fleet")]
+    pub(super) const fn of_hub(
+        method: &'static str,
+        path: &'static str,
+        need: Need,
+        handler: fn() -> MethodRouter<HubApi>,
+    ) -> Route {
+        Route::with((method, path), need, RouteHandler::Hub(handler))
     }
 
     const fn with(

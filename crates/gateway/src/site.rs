@@ -65,6 +65,7 @@ impl Site {
             demo: self.demo,
             simulated: !self.simulated.is_empty(),
             name: self.name().into(),
+            is_far: false,
             origin: Arc::clone(&self.origin),
             is_tls: self.tls.is_some(),
         }

@@ -28,8 +28,10 @@ const POLICY: &str = "default-src 'self'; script-src 'self'; style-src 'self'; i
                       connect-src 'self'; object-src 'none'; base-uri 'none'; \
                       form-action 'none'; frame-ancestors 'none'";
 
-/// The only HTML page; its script decides what it shows.
+/// The page of a site; its script decides what it shows.
 const INDEX: &str = "index.html";
+/// The page of the centre of a fleet.
+const FLEET: &str = "fleet.html";
 
 /// The folder of files with a content hash in their names.
 const HASHED: &str = "assets/";
@@ -49,14 +51,47 @@ pub(super) async fn page(
     if is_api || !matches!(method, Method::GET | Method::HEAD) {
         return answer::problem(&Problem::new(codes::NO_SUCH_PAGE));
     }
-    let find = |name: &str| Dist::get(name).map(|file| file.data);
-    served(path, &headers, site.lang, &find)
+    let answer = served(path, INDEX, &headers, &built);
+    let commands = ["railbus ls", "railbus watch"];
+    answer.unwrap_or_else(|| missing(language::spoken(&headers, site.lang), commands))
 }
 
-/// A file, the page for any other path, or why there is none.
-fn served(path: &str, headers: &HeaderMap, lang: Lang, find: Find<'_>) -> Answer {
+/// The same at the centre of a fleet, which has a page of its own and that of each site.
+#[cfg(feature = "fleet")]
+pub(super) fn fleet_page(lang: Lang, method: &Method, uri: &Uri, headers: &HeaderMap) -> Answer {
+    let found = of_fleet(uri.path().trim_start_matches('/'));
+    let Some((path, page)) = found.filter(|_| matches!(*method, Method::GET | Method::HEAD)) else {
+        return answer::problem(&Problem::new(codes::NO_SUCH_PAGE));
+    };
+    let answer = served(path, page, headers, &built);
+    let commands = ["railbus fleet ls", "railbus fleet commands"];
+    answer.unwrap_or_else(|| missing(language::spoken(headers, lang), commands))
+}
+
+/// The file and the page that stand for a path at the centre; none if it is one of an API.
+#[cfg(feature = "fleet")]
+fn of_fleet(path: &str) -> Option<(&str, &'static str)> {
+    let (first, rest) = path.split_once('/').unwrap_or((path, ""));
+    let (site, below) = rest.split_once('/').unwrap_or((rest, ""));
+    match first {
+        "api" | "fleet" => None,
+        "s" if below == "api" || below.starts_with("api/") => None,
+        // Its files are those of the centre, at the top.
+        "s" if !site.is_empty() => Some(("", INDEX)),
+        _ => Some((path, FLEET)),
+    }
+}
+
+/// A file of this build.
+fn built(name: &str) -> Option<Cow<'static, [u8]>> {
+    Dist::get(name).map(|file| file.data)
+}
+
+/// A file, or the page for any other path; none if the program was built without it.
+fn served(path: &str, page: &'static str, headers: &HeaderMap, find: Find<'_>) -> Option<Answer> {
+    // Neither program shows the page of the other, whose script would ask in vain.
     let name = match path {
-        "" => INDEX,
+        "" | INDEX | FLEET => page,
         name => name,
     };
     let encodings = headers
@@ -64,12 +99,12 @@ fn served(path: &str, headers: &HeaderMap, lang: Lang, find: Find<'_>) -> Answer
         .and_then(|value| value.to_str().ok())
         .unwrap_or_default();
     if let Some(answer) = file(name, encodings, find) {
-        return answer;
+        return Some(answer);
     }
     if name.starts_with(HASHED) {
-        return answer::problem(&Problem::new(codes::NO_SUCH_PAGE));
+        return Some(answer::problem(&Problem::new(codes::NO_SUCH_PAGE)));
     }
-    file(INDEX, encodings, find).unwrap_or_else(|| missing(language::spoken(headers, lang)))
+    file(page, encodings, find)
 }
 
 /// A file in the best encoding that the browser accepts.
@@ -85,7 +120,7 @@ fn file(name: &str, encodings: &str, find: Find<'_>) -> Option<Answer> {
         None => (None, plain),
     };
     let kept = match name {
-        INDEX => "no-store",
+        INDEX | FLEET => "no-store",
         name if name.starts_with(HASHED) => "public, max-age=31536000, immutable",
         _ => "no-cache",
     };
@@ -135,8 +170,9 @@ pub(super) async fn style() -> Answer {
     answer::with(StatusCode::OK, "text/css; charset=utf-8", style)
 }
 
-/// The program was built without the pages: what to do about it, and what works all the same.
-fn missing(lang: Lang) -> Answer {
+/// The program was built without the pages: what to do about it, and which commands work all the
+/// same.
+fn missing(lang: Lang, commands: [&str; 2]) -> Answer {
     let code = match lang {
         Lang::En => "en",
         Lang::Zh => "zh-CN",
@@ -147,13 +183,14 @@ fn missing(lang: Lang) -> Answer {
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
          <title>railbus</title>\n<link rel=\"stylesheet\" href=\"/style.css\">\n</head>\n<body>\n\
          <h1>railbus {version}</h1>\n<p class=\"note\">{no_pages}</p>\n<p>{build}</p>\n\
-         <pre>cargo xtask demo</pre>\n<p>{works}</p>\n<pre>railbus ls\nrailbus watch</pre>\n\
+         <pre>cargo xtask demo</pre>\n<p>{works}</p>\n<pre>{commands}</pre>\n\
          <p><a href=\"/api/v1/session\">/api/v1</a> · <a href=\"/healthz\">/healthz</a></p>\n\
          </body>\n</html>\n",
         version = env!("CARGO_PKG_VERSION"),
         no_pages = t(GatewayText::PageMissing),
         build = t(GatewayText::PageBuild),
         works = t(GatewayText::PageWorks),
+        commands = commands.join("\n"),
     );
     answer::with(StatusCode::OK, "text/html; charset=utf-8", html)
 }
@@ -163,10 +200,11 @@ mod tests {
     use super::*;
     use axum::http::header::ACCEPT_LANGUAGE;
 
-    /// A site with one page, one script in all forms, and one picture.
+    /// Both pages, one script in all forms, and one picture.
     fn find(name: &str) -> Option<Cow<'static, [u8]>> {
-        let files: [(&str, &'static [u8]); 5] = [
+        let files: [(&str, &'static [u8]); 6] = [
             ("index.html", b"<page>"),
+            ("fleet.html", b"<fleet>"),
             ("assets/a-1f.js", b"script"),
             ("assets/a-1f.js.br", b"brotli"),
             ("assets/a-1f.js.gz", b"gzip"),
@@ -178,7 +216,7 @@ mod tests {
 
     fn asked(path: &str, header: (HeaderName, &'static str)) -> Answer {
         let headers = [(header.0, HeaderValue::from_static(header.1))];
-        served(path, &headers.into_iter().collect(), Lang::En, &find)
+        served(path, INDEX, &headers.into_iter().collect(), &find).unwrap()
     }
 
     async fn body(answer: Answer) -> String {
@@ -216,6 +254,7 @@ mod tests {
             "module/pump/live",
             "setup",
             "index.html",
+            "fleet.html",
             "no.such.thing",
         ] {
             let answer = asked(path, (ACCEPT_ENCODING, ""));
@@ -227,9 +266,51 @@ mod tests {
         assert_eq!(gone.status(), StatusCode::NOT_FOUND, "of an older build");
     }
 
+    #[cfg(feature = "fleet")]
+    #[tokio::test]
+    async fn a_centre_has_its_own_page_and_that_of_each_site() {
+        for (path, wanted) in [
+            ("", Some("<fleet>")),
+            ("sites", Some("<fleet>")),
+            ("index.html", Some("<fleet>")),
+            ("fleet.html", Some("<fleet>")),
+            ("icon.svg", Some("<svg>")),
+            ("s", Some("<fleet>")),
+            ("s/", Some("<fleet>")),
+            ("s/plant7", Some("<page>")),
+            ("s/plant7/", Some("<page>")),
+            ("s/plant7/module/oven", Some("<page>")),
+            ("s/plant7/apis", Some("<page>")),
+            ("s/plant7/icon.svg", Some("<page>")),
+            ("s/plant7/api", None),
+            ("s/plant7/api/", None),
+            ("s/plant7/api/v1/points", None),
+            ("api", None),
+            ("api/v1/points", None),
+            ("fleet", None),
+            ("fleet/v1/none", None),
+        ] {
+            let Some((name, page)) = of_fleet(path) else {
+                assert_eq!(None, wanted, "{path}");
+                continue;
+            };
+            let answer = served(name, page, &HeaderMap::new(), &find).unwrap();
+            let kept = match path {
+                "icon.svg" => "no-cache",
+                _ => "no-store",
+            };
+            assert_eq!(told(&answer, CACHE_CONTROL), kept, "{path}");
+            assert_eq!(told(&answer, CONTENT_SECURITY_POLICY), POLICY);
+            assert_eq!(Some(body(answer).await.as_str()), wanted, "{path}");
+        }
+        let gone = served("assets/a-2e.js", FLEET, &HeaderMap::new(), &find);
+        assert_eq!(gone.unwrap().status(), StatusCode::NOT_FOUND);
+    }
+
     #[tokio::test]
     async fn without_pages_it_is_said_what_to_do() {
         let nothing = |_: &str| None;
+        assert!(served("trends", INDEX, &HeaderMap::new(), &nothing).is_none());
         for (asked, lang, word) in [
             ("zh-CN,en;q=0.5", Lang::En, "zh-CN"),
             ("fr, en-US;q=0.8, zh;q=0.1", Lang::Zh, "\"en\""),
@@ -238,9 +319,10 @@ mod tests {
         ] {
             let value = HeaderValue::from_str(asked).unwrap();
             let headers = [(ACCEPT_LANGUAGE, value)].into_iter().collect();
-            let page = body(served("trends", &headers, lang, &nothing)).await;
+            let lang = language::spoken(&headers, lang);
+            let page = body(missing(lang, ["railbus fleet ls", "railbus fleet get"])).await;
             assert!(page.contains(word), "{asked}: {page}");
-            assert!(page.contains("cargo xtask demo"));
+            assert!(page.contains("cargo xtask demo") && page.contains("railbus fleet get"));
         }
     }
 

@@ -1,8 +1,11 @@
 //! What handlers of sessions and accounts need: of a site, or of another program that has accounts.
 
-use super::Gate;
+use super::{Caller, Gate, Role};
+use axum::extract::{FromRequestParts, RawPathParams};
+use axum::http::request::Parts;
 use railbus_site::Service;
 use railbus_words::Lang;
+use std::convert::Infallible;
 use std::sync::Arc;
 
 /// What handlers of sessions and accounts need.
@@ -20,8 +23,47 @@ pub(crate) struct AccountsApi {
     pub(crate) simulated: bool,
     /// The name of what the accounts are for.
     pub(crate) name: Arc<str>,
+    /// That is a far site, and the accounts are those of its centre.
+    pub(crate) is_far: bool,
     /// The URL of its pages: `http://127.0.0.1:7485`.
     pub(crate) origin: Arc<str>,
     /// Browsers use TLS.
     pub(crate) is_tls: bool,
+}
+
+impl AccountsApi {
+    /// What a caller's role permits at what this is for.
+    ///
+    /// A far site is only read and switched. An account that is limited to some points does not
+    /// switch there: its patterns have no names of sites.
+    pub(super) fn role(&self, who: &Caller) -> Option<Role> {
+        let most = match (self.is_far, who.is_limited()) {
+            (false, _) => Role::Admin,
+            (true, false) => Role::Operator,
+            (true, true) => Role::Viewer,
+        };
+        who.role.map(|role| role.min(most))
+    }
+}
+
+/// The accounts as a request asks for them: at the centre of a fleet, `/s/plant7/…` asks for what
+/// they are at the site of that name.
+impl FromRequestParts<AccountsApi> for AccountsApi {
+    type Rejection = Infallible;
+
+    async fn from_request_parts(
+        parts: &mut Parts,
+        api: &AccountsApi,
+    ) -> Result<AccountsApi, Infallible> {
+        let named = RawPathParams::from_request_parts(parts, api).await.ok();
+        let mut named = named.iter().flatten();
+        Ok(match named.find(|(key, _)| *key == "site") {
+            Some((_, site)) => AccountsApi {
+                name: site.into(),
+                is_far: true,
+                ..api.clone()
+            },
+            None => api.clone(),
+        })
+    }
 }

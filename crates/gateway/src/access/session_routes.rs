@@ -12,7 +12,6 @@ use crate::route::{Answer, Route};
 use crate::{answer, body};
 use axum::Extension;
 use axum::body::Bytes;
-use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::http::header::{HeaderValue, RETRY_AFTER, SET_COOKIE};
 use axum::routing::{get, post};
@@ -135,11 +134,7 @@ pub(crate) fn read<T: DeserializeOwned>(body: &[u8]) -> Result<T, Problem> {
 }
 
 /// `GET /session`.
-async fn session(
-    State(api): State<AccountsApi>,
-    who: Extension<Caller>,
-    headers: HeaderMap,
-) -> Answer {
+async fn session(api: AccountsApi, who: Extension<Caller>, headers: HeaderMap) -> Answer {
     let csrf = match who.known {
         Known::Session { .. } => api.access.cookie(&headers).map(csrf),
         _ => None,
@@ -154,7 +149,7 @@ fn told(api: &AccountsApi, who: &Caller, csrf: Option<String>) -> SessionTold {
         user.and_then(|user| user.lang.clone())
     });
     SessionTold {
-        user: who.role.map(|role| WhoTold {
+        user: api.role(who).map(|role| WhoTold {
             name: who.name.clone(),
             role,
             points: who.points.to_vec(),
@@ -171,7 +166,7 @@ fn told(api: &AccountsApi, who: &Caller, csrf: Option<String>) -> SessionTold {
 
 /// `POST /setup`: creates the first user, who may do everything.
 async fn set_up(
-    State(api): State<AccountsApi>,
+    api: AccountsApi,
     who: Extension<Caller>,
     peer: Option<Extension<Peer>>,
     body: Bytes,
@@ -243,7 +238,7 @@ async fn first_user(
 
 /// `POST /login`.
 async fn log_in(
-    State(api): State<AccountsApi>,
+    api: AccountsApi,
     who: Extension<Caller>,
     peer: Option<Extension<Peer>>,
     body: Bytes,
@@ -313,7 +308,7 @@ fn with_cookie(mut response: Answer, api: &AccountsApi, value: &str, age: Option
 }
 
 /// `POST /logout`.
-async fn log_out(State(api): State<AccountsApi>, who: Extension<Caller>) -> Answer {
+async fn log_out(api: AccountsApi, who: Extension<Caller>) -> Answer {
     to_its_end(async move {
         if let Some(key) = Gate::session_of(&who) {
             api.access.sessions.end(key);
@@ -336,7 +331,7 @@ async fn log_out(State(api): State<AccountsApi>, who: Extension<Caller>) -> Answ
 
 /// `POST /password`: changes the caller's password. All other sessions of the user end.
 async fn new_password(
-    State(api): State<AccountsApi>,
+    api: AccountsApi,
     who: Extension<Caller>,
     peer: Option<Extension<Peer>>,
     body: Bytes,
@@ -375,7 +370,7 @@ async fn change_password(
 }
 
 /// `POST /setup-link`, for the owner: a new link for the first user.
-async fn setup_link(State(api): State<AccountsApi>) -> Answer {
+async fn setup_link(api: AccountsApi) -> Answer {
     let link = api.access.setup_link(&api.origin);
     let minutes = super::setup::LIFE.as_secs() / 60;
     answer::json(link.map(|setup_link| SetupLink {

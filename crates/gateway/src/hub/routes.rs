@@ -8,7 +8,7 @@ use crate::access::{AccountsApi, Caller, Need, Reach, SESSION_ROUTES, USER_ROUTE
 use crate::guard::Front;
 use crate::route::{BASE, Route, RouteHandler};
 use crate::routes::{BODY_MAX, guarded, not_so};
-use crate::{answer, localize};
+use crate::{answer, compress, localize, web};
 use axum::body::{Body, Bytes};
 use axum::extract::{DefaultBodyLimit, Path, State};
 use axum::http::header::ACCEPT_LANGUAGE;
@@ -25,8 +25,29 @@ use tokio::sync::{mpsc, oneshot};
 
 pub(super) type Calls = mpsc::Sender<HubCall>;
 
-/// The first user of a centre is added by the command line: it has no page for that.
-const SETUP: &str = "/setup";
+/// The prefix of the centre's own routes.
+const FLEET_BASE: &str = "/fleet/v1";
+/// The prefix of the routes of a site that the centre answers itself.
+const FAR_BASE: &str = "/s/{site}/api/v1";
+
+/// The centre's own routes.
+const ROUTES: &[Route] = &[
+    Route::of_hub("GET", "/sites", Need::VIEWER, || get(sites)),
+    Route::of_hub("GET", "/sites/{site}", Need::VIEWER, || get(site)),
+    Route::of_hub("GET", "/commands", Need::VIEWER, || get(commands)),
+    Route::of_hub("GET", "/accounts", Need::Owner, || get(accounts)),
+];
+
+/// Routes of sessions that a page of a far site needs. Its users are those of the centre.
+const FAR: [&str; 4] = ["/session", "/login", "/logout", "/password"];
+
+/// What the centre's own handlers need.
+#[derive(Clone, Debug)]
+pub(crate) struct HubApi {
+    calls: Calls,
+    /// Which accounts it has.
+    accounts: FleetAccounts,
+}
 
 /// Who is served.
 pub(super) enum HubAudience<'a> {
@@ -38,77 +59,107 @@ pub(super) enum HubAudience<'a> {
 
 /// All routes for these callers.
 pub(super) fn router(lang: Lang, calls: Calls, audience: HubAudience<'_>) -> Router {
-    let (accounts, of_owner, tcp) = match audience {
+    let (accounts, folder, tcp) = match audience {
         HubAudience::Owner(accounts, folder) => {
             let folder = accounts.and_then(|_| folder.canonicalize().ok());
-            let about = FleetAccounts {
-                schema: SCHEMA,
-                folder: folder.map(|folder| folder.display().to_string()),
-            };
-            let told = async move || answer::json(Ok(about.clone()));
-            let of_owner = Router::new().route("/fleet/v1/accounts", get(told));
-            (accounts, of_owner, None)
+            (accounts, folder, None)
         }
         HubAudience::Network(accounts, front) => {
             let tcp = Some((Arc::clone(&accounts.access), front));
-            (Some(accounts), Router::new(), tcp)
+            (Some(accounts), None, tcp)
         }
     };
-    let fleet = Router::new()
-        .route("/fleet/v1/sites", get(sites))
-        .route("/fleet/v1/sites/{site}", get(site))
-        .route("/fleet/v1/commands", get(commands))
-        .route_layer(from_fn_with_state((Need::VIEWER, Reach::Harmless), check))
-        .layer(from_fn_with_state(lang, localize::problems));
+    let is_owner = tcp.is_none();
+    let accounts_told = FleetAccounts {
+        schema: SCHEMA,
+        folder: folder.map(|folder| folder.display().to_string()),
+    };
+    let api = HubApi {
+        calls: calls.clone(),
+        accounts: accounts_told,
+    };
     // Who is limited to some points of a site can't be held to them here.
     let reads = get(site_api).layer(from_fn_with_state((Need::VIEWER, Reach::Harmless), check));
     let orders = any(site_api).layer(from_fn_with_state((Need::OPERATOR, Reach::Beyond), check));
-    let fleet = fleet.route("/s/{site}/{*path}", reads.merge(orders));
     let router = Router::new()
-        .merge(fleet.with_state(calls))
-        .merge(of_owner)
+        .route("/s/{site}/api/{*path}", reads.merge(orders))
+        .with_state(calls)
+        .nest(FLEET_BASE, own_routes(api, is_owner))
         .route("/healthz", get(async || "ok\n"));
     let router = match accounts {
-        Some(accounts) => router.nest(BASE, account_routes(accounts, tcp.is_none())),
+        Some(accounts) => router
+            .nest(BASE, account_routes(accounts, is_owner, |_| true))
+            .nest(
+                FAR_BASE,
+                account_routes(accounts, is_owner, |route| FAR.contains(&route.path)),
+            ),
         None => router,
     };
+    let router = match is_owner {
+        true => router.fallback(async || answer::problem(&Problem::new(codes::NO_SUCH_PAGE))),
+        // The socket is for programs, which would take a page for an answer.
+        false => router.route("/style.css", get(web::style)).fallback(
+            async move |method: Method, uri: Uri, headers: HeaderMap| {
+                web::fleet_page(lang, &method, &uri, &headers)
+            },
+        ),
+    };
     let router = router
-        .fallback(async || answer::problem(&Problem::new(codes::NO_SUCH_PAGE)))
-        .method_not_allowed_fallback(not_so);
+        .method_not_allowed_fallback(not_so)
+        .layer(from_fn_with_state(lang, localize::problems));
     guarded(router, tcp)
 }
 
-/// Sessions, users and tokens.
-fn account_routes(accounts: &AccountsApi, is_owner: bool) -> Router {
+/// What the centre knows of the fleet.
+fn own_routes(api: HubApi, is_owner: bool) -> Router {
+    let is_there = |route: &&Route| is_owner || route.need != Need::Owner;
+    let add = |router: Router<HubApi>, route: &Route| match route.handler {
+        RouteHandler::Hub(handler) => {
+            let rule = from_fn_with_state((route.need, route.reach), check);
+            let handler = handler().layer(from_fn(compress::answer));
+            router.route(route.path, handler.layer(rule))
+        }
+        RouteHandler::Site(_) | RouteHandler::Accounts(_) => router,
+    };
+    let routes = ROUTES.iter().filter(is_there).fold(Router::new(), add);
+    routes
+        .layer(from_fn(localize::only_problems))
+        .with_state(api)
+}
+
+/// Sessions, users and tokens: the routes that are wanted.
+fn account_routes(accounts: &AccountsApi, is_owner: bool, is_wanted: fn(&Route) -> bool) -> Router {
     let all = SESSION_ROUTES.iter().chain(USER_ROUTES);
-    let is_there =
-        |route: &&Route| !route.path.starts_with(SETUP) && (is_owner || route.need != Need::Owner);
+    let is_there = |route: &&Route| is_wanted(route) && (is_owner || route.need != Need::Owner);
     let add = |router: Router<AccountsApi>, route: &Route| match route.handler {
         RouteHandler::Accounts(handler) => {
             let rule = from_fn_with_state((route.need, route.reach), check);
             router.route(route.path, handler().layer(rule))
         }
-        RouteHandler::Site(_) => router,
+        RouteHandler::Site(_) | RouteHandler::Hub(_) => router,
     };
     all.filter(is_there)
         .fold(Router::new(), add)
         .layer(DefaultBodyLimit::max(BODY_MAX))
         .layer(from_fn(localize::only_problems))
-        .layer(from_fn_with_state(accounts.lang, localize::problems))
         .with_state(accounts.clone())
 }
 
-async fn sites(State(calls): State<Calls>) -> Response<Body> {
-    answer::json(call(&calls, HubCall::Sites).await)
+async fn sites(State(api): State<HubApi>) -> Response<Body> {
+    answer::json(call(&api.calls, HubCall::Sites).await)
 }
 
-async fn commands(State(calls): State<Calls>) -> Response<Body> {
-    answer::json(call(&calls, HubCall::Commands).await)
+async fn commands(State(api): State<HubApi>) -> Response<Body> {
+    answer::json(call(&api.calls, HubCall::Commands).await)
 }
 
-async fn site(State(calls): State<Calls>, Path(name): Path<String>) -> Response<Body> {
-    let found = call(&calls, |to| HubCall::Site(name, to)).await;
+async fn site(State(api): State<HubApi>, Path(name): Path<String>) -> Response<Body> {
+    let found = call(&api.calls, |to| HubCall::Site(name, to)).await;
     answer::json(found.and_then(|found| found))
+}
+
+async fn accounts(State(api): State<HubApi>) -> Response<Body> {
+    answer::json(Ok(api.accounts))
 }
 
 /// The API of a site: the path behind its name, with the query.
@@ -162,194 +213,4 @@ pub(super) async fn call<T>(
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::access::{Gate, Peer, desk};
-    use axum::http::{Request, StatusCode};
-    use http_body_util::BodyExt as _;
-    use hyper::service::Service as _;
-    use hyper_util::service::TowerToHyperService;
-    use railbus_api::fleet::FleetCommands;
-    use serde_json::{Value, json};
-    use std::net::{IpAddr, Ipv4Addr};
-    use std::path::PathBuf;
-
-    const SITE: &str = "/s/plant7/api/v1/points/oven/k1";
-
-    /// A centre whose driver notes the users of what it is asked.
-    struct Here {
-        accounts: AccountsApi,
-        calls: Calls,
-        users: mpsc::UnboundedReceiver<String>,
-        folder: PathBuf,
-    }
-
-    impl Here {
-        fn new(name: &str) -> Here {
-            let unique = format!("railbus-hub-{}-{name}", std::process::id());
-            let folder = std::env::temp_dir().join(unique);
-            let gate = Gate::open(&folder).unwrap_or_else(|problem| panic!("{problem:?}"));
-            let accounts = AccountsApi {
-                access: Arc::new(gate),
-                events: None,
-                lang: Lang::En,
-                demo: false,
-                simulated: false,
-                name: "acme".into(),
-                origin: "http://127.0.0.1:7486".into(),
-                is_tls: false,
-            };
-            let (calls, mut asked) = mpsc::channel(8);
-            let (told, users) = mpsc::unbounded_channel();
-            tokio::spawn(async move {
-                while let Some(call) = asked.recv().await {
-                    match call {
-                        HubCall::Commands(to) => {
-                            let (schema, open, commands) = (1, 0, Vec::new());
-                            let _ = to.send(FleetCommands {
-                                schema,
-                                open,
-                                commands,
-                            });
-                        }
-                        HubCall::Command(given, to) => {
-                            let intent = given.intent(given.given, None, 0);
-                            let _ = told.send(intent.map_or_else(|_| String::new(), |it| it.user));
-                            let _ = to.send(Err(command::offline("plant7")));
-                        }
-                        HubCall::Way(site, to) => {
-                            let _ = to.send(Err(command::offline(&site)));
-                        }
-                        HubCall::Sites(_) | HubCall::Site(..) => {}
-                    }
-                }
-            });
-            Here {
-                accounts,
-                calls,
-                users,
-                folder,
-            }
-        }
-
-        async fn token(&self, name: &str, role: &str, points: &[&str]) -> String {
-            let wanted = json!({ "name": name, "role": role, "points": points });
-            let body = wanted.to_string();
-            let made = desk::add_token(&self.accounts.access, "owner", body.as_bytes()).await;
-            made.map_or_else(
-                |problem| panic!("{problem:?}"),
-                |made| made["token"].as_str().unwrap_or_default().to_owned(),
-            )
-        }
-
-        fn front() -> Arc<Front> {
-            Arc::new(Front {
-                port: 7486,
-                is_tls: false,
-                is_wide: false,
-                names: Vec::new(),
-                is_trusted: false,
-            })
-        }
-
-        /// Status and code of an answer over TCP; over the socket without a token.
-        async fn ask(&self, token: Option<&str>, method: &str, path: &str) -> (StatusCode, String) {
-            let front = token.map(|_| Here::front());
-            let router = routes_of(self, front);
-            let mut request = Request::builder()
-                .method(method)
-                .uri(path)
-                .header("host", "127.0.0.1:7486");
-            if let Some(token) = token.filter(|token| !token.is_empty()) {
-                request = request.header("authorization", format!("Bearer {token}"));
-            }
-            let mut request = request.body(Body::from("{\"value\":true}")).unwrap();
-            let peer = Peer(IpAddr::V4(Ipv4Addr::LOCALHOST));
-            request.extensions_mut().insert(peer);
-            let Ok(answer) = TowerToHyperService::new(router).call(request).await;
-            let status = answer.status();
-            let body = answer.into_body().collect().await.unwrap().to_bytes();
-            let body: Value = serde_json::from_slice(&body).unwrap_or_default();
-            (status, body["code"].as_str().unwrap_or_default().to_owned())
-        }
-    }
-
-    impl Drop for Here {
-        fn drop(&mut self) {
-            let _ = std::fs::remove_dir_all(&self.folder);
-        }
-    }
-
-    fn routes_of(here: &Here, front: Option<Arc<Front>>) -> Router {
-        let audience = match front {
-            Some(front) => HubAudience::Network(&here.accounts, front),
-            None => HubAudience::Owner(Some(&here.accounts), &here.folder),
-        };
-        router(Lang::En, here.calls.clone(), audience)
-    }
-
-    #[tokio::test]
-    async fn over_tcp_each_may_what_his_role_permits() {
-        let mut here = Here::new("roles");
-        let viewer = here.token("look", "viewer", &[]).await;
-        let operator = here.token("ops", "operator", &[]).await;
-        let limited = here.token("few", "operator", &["oven.*"]).await;
-        let admin = here.token("root", "admin", &[]).await;
-        let anonymous = String::new();
-        let away = (StatusCode::SERVICE_UNAVAILABLE, "E0168".to_owned());
-        for (path, method, codes) in [
-            ("/healthz", "GET", ["", "", "", "", ""]),
-            ("/fleet/v1/commands", "GET", ["E0902", "", "", "", ""]),
-            // The driver of this test drops these calls.
-            (
-                "/fleet/v1/sites",
-                "GET",
-                ["E0902", "E0109", "E0109", "E0109", "E0109"],
-            ),
-            (
-                "/fleet/v1/sites/plant7",
-                "GET",
-                ["E0902", "E0109", "E0109", "E0109", "E0109"],
-            ),
-            (SITE, "GET", ["E0902", "E0168", "E0168", "E0168", "E0168"]),
-            (SITE, "PUT", ["E0902", "E0905", "E0922", "E0168", "E0168"]),
-            (SITE, "PATCH", ["E0902", "E0905", "E0922", "E0937", "E0937"]),
-            (
-                "/api/v1/users",
-                "GET",
-                ["E0902", "E0905", "E0905", "E0905", ""],
-            ),
-            ("/fleet/v1/accounts", "GET", ["E0110"; 5]),
-            ("/api/v1/setup-link", "POST", ["E0110"; 5]),
-            ("/api/v1/setup", "POST", ["E0110"; 5]),
-            ("/api/v1/points", "GET", ["E0110"; 5]),
-        ] {
-            let callers = [&anonymous, &viewer, &limited, &operator, &admin];
-            for (caller, wanted) in callers.into_iter().zip(codes) {
-                let (status, code) = here.ask(Some(caller), method, path).await;
-                assert_eq!(code, wanted, "{method} {path} as {caller}: {status}");
-                assert!(code != away.1 || status == away.0, "{status}");
-            }
-        }
-        let mut users = Vec::new();
-        while let Ok(user) = here.users.try_recv() {
-            users.push(user);
-        }
-        assert_eq!(users, ["token:ops", "token:root"], "as the site records it");
-        // What is revoked is let in no longer.
-        desk::remove_token(&here.accounts.access, "look")
-            .await
-            .unwrap_or_default();
-        let told = here.ask(Some(&viewer), "GET", "/fleet/v1/commands").await;
-        assert_eq!(told.1, "E0902");
-    }
-
-    #[tokio::test]
-    async fn its_owner_may_all_over_the_socket() {
-        let mut here = Here::new("owner");
-        assert_eq!(here.ask(None, "GET", "/fleet/v1/commands").await.1, "");
-        assert_eq!(here.ask(None, "GET", "/api/v1/users").await.1, "");
-        assert_eq!(here.ask(None, "PUT", SITE).await.1, "E0168");
-        assert_eq!(here.users.recv().await.as_deref(), Some("owner"));
-    }
-}
+mod tests;

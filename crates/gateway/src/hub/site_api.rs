@@ -4,6 +4,7 @@
 use super::driver::HubCall;
 use super::routes::{Calls, call};
 use crate::clock::since_boot;
+use crate::localize::ToldElsewhere;
 use crate::remote_api;
 use async_nats::client::RequestErrorKind;
 use async_nats::{Client, Message, Request};
@@ -186,6 +187,7 @@ pub(super) fn response(said: ApiAnswer, transit: Duration) -> Result<Response<Bo
     };
     let mut response = Response::new(Body::from(said.body));
     *response.status_mut() = status;
+    response.extensions_mut().insert(ToldElsewhere);
     let headers = response.headers_mut();
     headers.insert(CONTENT_TYPE, kind);
     let transit = u64::try_from(transit.as_millis()).unwrap_or(u64::MAX);

@@ -1,0 +1,394 @@
+//! Who may what at the centre.
+
+use super::*;
+use crate::access::{Gate, Peer, desk};
+use axum::http::{Request, StatusCode};
+use http_body_util::BodyExt as _;
+use hyper::service::Service as _;
+use hyper_util::service::TowerToHyperService;
+use railbus_api::fleet::FleetCommands;
+use railbus_fleet::message::ApiAnswer;
+use serde_json::{Value, json};
+use std::net::{IpAddr, Ipv4Addr};
+use std::path::PathBuf;
+use std::time::Duration;
+
+const SITE: &str = "/s/plant7/api/v1/points/oven/k1";
+
+/// A centre whose driver notes the users of what it is asked.
+struct Here {
+    accounts: AccountsApi,
+    calls: Calls,
+    users: mpsc::UnboundedReceiver<String>,
+    folder: PathBuf,
+}
+
+impl Here {
+    fn new(name: &str) -> Here {
+        let unique = format!("railbus-hub-{}-{name}", std::process::id());
+        let folder = std::env::temp_dir().join(unique);
+        let gate = Gate::open(&folder).unwrap_or_else(|problem| panic!("{problem:?}"));
+        let accounts = AccountsApi {
+            access: Arc::new(gate),
+            events: None,
+            lang: Lang::En,
+            demo: false,
+            simulated: false,
+            name: "acme".into(),
+            is_far: false,
+            origin: "http://127.0.0.1:7486".into(),
+            is_tls: false,
+        };
+        let (calls, mut asked) = mpsc::channel(8);
+        let (told, users) = mpsc::unbounded_channel();
+        tokio::spawn(async move {
+            while let Some(call) = asked.recv().await {
+                match call {
+                    HubCall::Commands(to) => {
+                        let (schema, open, commands) = (1, 0, Vec::new());
+                        let _ = to.send(FleetCommands {
+                            schema,
+                            open,
+                            commands,
+                        });
+                    }
+                    HubCall::Command(given, to) => {
+                        let intent = given.intent(given.given, None, 0);
+                        let _ = told.send(intent.map_or_else(|_| String::new(), |it| it.user));
+                        let _ = to.send(Err(command::offline("plant7")));
+                    }
+                    HubCall::Way(site, to) => {
+                        let _ = to.send(Err(command::offline(&site)));
+                    }
+                    HubCall::Sites(_) | HubCall::Site(..) => {}
+                }
+            }
+        });
+        Here {
+            accounts,
+            calls,
+            users,
+            folder,
+        }
+    }
+
+    async fn token(&self, name: &str, role: &str, points: &[&str]) -> String {
+        let wanted = json!({ "name": name, "role": role, "points": points });
+        let body = wanted.to_string();
+        let made = desk::add_token(&self.accounts.access, "owner", body.as_bytes()).await;
+        made.map_or_else(
+            |problem| panic!("{problem:?}"),
+            |made| made["token"].as_str().unwrap_or_default().to_owned(),
+        )
+    }
+
+    fn front() -> Arc<Front> {
+        Arc::new(Front {
+            port: 7486,
+            is_tls: false,
+            is_wide: false,
+            names: Vec::new(),
+            is_trusted: false,
+        })
+    }
+
+    /// An answer over TCP, or over the socket; with further headers of the request.
+    async fn send(
+        &self,
+        is_tcp: bool,
+        (method, path): (&str, &str),
+        headers: &[(&str, &str)],
+        body: &str,
+    ) -> Response<Body> {
+        let router = routes_of(self, is_tcp.then(Here::front));
+        let mut request = Request::builder()
+            .method(method)
+            .uri(path)
+            .header("host", "127.0.0.1:7486");
+        for (name, value) in headers {
+            request = request.header(*name, *value);
+        }
+        let mut request = request.body(Body::from(body.to_owned())).unwrap();
+        let peer = Peer(IpAddr::V4(Ipv4Addr::LOCALHOST));
+        request.extensions_mut().insert(peer);
+        let Ok(answer) = TowerToHyperService::new(router).call(request).await;
+        answer
+    }
+
+    /// Status and code of an answer over TCP; over the socket without a token.
+    async fn ask(&self, token: Option<&str>, method: &str, path: &str) -> (StatusCode, String) {
+        let bearer = token.map(|token| format!("Bearer {token}"));
+        let bearer = bearer.as_deref().filter(|bearer| *bearer != "Bearer ");
+        let headers: Vec<_> = bearer
+            .map(|bearer| ("authorization", bearer))
+            .into_iter()
+            .collect();
+        let body = "{\"value\":true}";
+        let answer = self
+            .send(token.is_some(), (method, path), &headers, body)
+            .await;
+        let status = answer.status();
+        let body = json_of(answer).await;
+        (status, body["code"].as_str().unwrap_or_default().to_owned())
+    }
+}
+
+async fn json_of(answer: Response<Body>) -> Value {
+    let body = answer.into_body().collect().await.unwrap().to_bytes();
+    serde_json::from_slice(&body).unwrap_or_default()
+}
+
+impl Drop for Here {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.folder);
+    }
+}
+
+fn routes_of(here: &Here, front: Option<Arc<Front>>) -> Router {
+    let audience = match front {
+        Some(front) => HubAudience::Network(&here.accounts, front),
+        None => HubAudience::Owner(Some(&here.accounts), &here.folder),
+    };
+    router(Lang::En, here.calls.clone(), audience)
+}
+
+#[tokio::test]
+async fn over_tcp_each_may_what_his_role_permits() {
+    let mut here = Here::new("roles");
+    let viewer = here.token("look", "viewer", &[]).await;
+    let operator = here.token("ops", "operator", &[]).await;
+    let limited = here.token("few", "operator", &["oven.*"]).await;
+    let admin = here.token("root", "admin", &[]).await;
+    let anonymous = String::new();
+    let away = (StatusCode::SERVICE_UNAVAILABLE, "E0168".to_owned());
+    for (path, method, codes) in [
+        ("/healthz", "GET", ["", "", "", "", ""]),
+        ("/fleet/v1/commands", "GET", ["E0902", "", "", "", ""]),
+        // The driver of this test drops these calls.
+        (
+            "/fleet/v1/sites",
+            "GET",
+            ["E0902", "E0109", "E0109", "E0109", "E0109"],
+        ),
+        (
+            "/fleet/v1/sites/plant7",
+            "GET",
+            ["E0902", "E0109", "E0109", "E0109", "E0109"],
+        ),
+        (SITE, "GET", ["E0902", "E0168", "E0168", "E0168", "E0168"]),
+        (SITE, "PUT", ["E0902", "E0905", "E0922", "E0168", "E0168"]),
+        (SITE, "PATCH", ["E0902", "E0905", "E0922", "E0937", "E0937"]),
+        (
+            "/api/v1/users",
+            "GET",
+            ["E0902", "E0905", "E0905", "E0905", ""],
+        ),
+        ("/fleet/v1/accounts", "GET", ["E0110"; 5]),
+        ("/api/v1/setup-link", "POST", ["E0110"; 5]),
+        ("/api/v1/setup", "POST", ["E0806"; 5]),
+        ("/s/plant7/api/v1/session", "GET", [""; 5]),
+        ("/s/plant7/api/v1/session", "PUT", ["E0110"; 5]),
+        (
+            "/s/plant7/api/v1/users",
+            "POST",
+            ["E0902", "E0905", "E0922", "E0937", "E0937"],
+        ),
+        ("/api/v1/points", "GET", ["E0110"; 5]),
+    ] {
+        let callers = [&anonymous, &viewer, &limited, &operator, &admin];
+        for (caller, wanted) in callers.into_iter().zip(codes) {
+            let (status, code) = here.ask(Some(caller), method, path).await;
+            assert_eq!(code, wanted, "{method} {path} as {caller}: {status}");
+            assert!(code != away.1 || status == away.0, "{status}");
+        }
+    }
+    let mut users = Vec::new();
+    while let Ok(user) = here.users.try_recv() {
+        users.push(user);
+    }
+    assert_eq!(users, ["token:ops", "token:root"], "as the site records it");
+    // What is revoked is let in no longer.
+    desk::remove_token(&here.accounts.access, "look")
+        .await
+        .unwrap_or_default();
+    let told = here.ask(Some(&viewer), "GET", "/fleet/v1/commands").await;
+    assert_eq!(told.1, "E0902");
+}
+
+#[tokio::test]
+async fn its_owner_may_all_over_the_socket() {
+    let mut here = Here::new("owner");
+    assert_eq!(here.ask(None, "GET", "/fleet/v1/commands").await.1, "");
+    assert_eq!(here.ask(None, "GET", "/api/v1/users").await.1, "");
+    assert_eq!(here.ask(None, "PUT", SITE).await.1, "E0168");
+    assert_eq!(here.users.recv().await.as_deref(), Some("owner"));
+}
+
+#[tokio::test]
+async fn users_of_the_centre_log_in_at_the_pages_of_a_site() {
+    let here = Here::new("far");
+    let user = json!({ "name": "li", "role": "admin", "password": "a long password" });
+    let added = desk::add_user(&here.accounts.access, user.to_string().as_bytes()).await;
+    added.unwrap_or_else(|problem| panic!("{problem:?}"));
+    let far = |path| ("POST", path);
+    let login = json!({ "name": "li", "password": "a long password" }).to_string();
+    let begun = here
+        .send(true, far("/s/plant7/api/v1/login"), &[], &login)
+        .await;
+    assert_eq!(begun.status(), StatusCode::OK);
+    let cookie = begun.headers()["set-cookie"].to_str().unwrap().to_owned();
+    assert!(
+        cookie.contains("Path=/") && cookie.contains("HttpOnly"),
+        "{cookie}"
+    );
+    let cookie = cookie.split(';').next().unwrap();
+    let told = json_of(begun).await;
+    assert_eq!(
+        (&told["site"], &told["user"]["role"]),
+        (&json!("plant7"), &json!("operator"))
+    );
+    let csrf = told["csrf"].as_str().unwrap();
+    // It is one session: at another site, and at the centre, where the role is not less.
+    for (path, site, role) in [
+        ("/s/plant8/api/v1/session", "plant8", "operator"),
+        ("/api/v1/session", "acme", "admin"),
+    ] {
+        let told = here
+            .send(true, ("GET", path), &[("cookie", cookie)], "")
+            .await;
+        let told = json_of(told).await;
+        assert_eq!(
+            (&told["site"], &told["user"]["role"]),
+            (&json!(site), &json!(role))
+        );
+        assert_eq!(
+            (&told["csrf"], &told["setup"]),
+            (&json!(csrf), &json!(false))
+        );
+    }
+    // A page of another site knows no token.
+    let logout = far("/s/plant7/api/v1/logout");
+    let refused = here.send(true, logout, &[("cookie", cookie)], "").await;
+    assert_eq!(json_of(refused).await["code"], "E0908");
+    let ours = [("cookie", cookie), ("x-csrf-token", csrf)];
+    let ended = here.send(true, logout, &ours, "").await;
+    assert_eq!(ended.status(), StatusCode::OK);
+    let told = here
+        .send(true, ("GET", "/api/v1/session"), &[("cookie", cookie)], "")
+        .await;
+    assert_eq!(json_of(told).await["user"], Value::Null);
+}
+
+#[tokio::test]
+async fn what_an_account_may_at_a_site_is_told_there() {
+    let here = Here::new("told");
+    for (name, role, points, at_site) in [
+        ("look", "viewer", &[][..], "viewer"),
+        ("ops", "operator", &[], "operator"),
+        ("root", "admin", &[], "operator"),
+        ("few", "admin", &["oven.*"], "viewer"),
+    ] {
+        let bearer = format!("Bearer {}", here.token(name, role, points).await);
+        let headers = [("authorization", &*bearer)];
+        for (path, wanted) in [
+            ("/s/plant7/api/v1/session", at_site),
+            ("/api/v1/session", role),
+        ] {
+            let told = here.send(true, ("GET", path), &headers, "").await;
+            assert_eq!(json_of(told).await["user"]["role"], wanted, "{name} {path}");
+        }
+    }
+    // There is no user yet; his owner is no less than others.
+    let told = here
+        .send(true, ("GET", "/s/plant7/api/v1/session"), &[], "")
+        .await;
+    let told = json_of(told).await;
+    assert_eq!(
+        (&told["setup"], &told["user"]),
+        (&json!(true), &Value::Null)
+    );
+}
+
+#[tokio::test]
+async fn what_is_no_api_is_a_page_over_tcp_only() {
+    let here = Here::new("pages");
+    for (method, path, is_page) in [
+        ("GET", "/", true),
+        ("HEAD", "/sites", true),
+        ("GET", "/s/plant7", true),
+        ("GET", "/s/plant7/", true),
+        ("GET", "/s/plant7/module/oven", true),
+        ("POST", "/", false),
+        ("GET", "/s/plant7/api", false),
+        ("GET", "/s/plant7/api/", false),
+        ("GET", "/fleet/v1/none", false),
+        ("GET", "/fleet", false),
+        ("GET", "/api/v1/none", false),
+    ] {
+        for is_tcp in [true, false] {
+            let answer = here.send(is_tcp, (method, path), &[], "").await;
+            let kind = answer.headers()["content-type"]
+                .to_str()
+                .unwrap()
+                .to_owned();
+            let wanted = match is_page && is_tcp {
+                true => (StatusCode::OK, "text/html; charset=utf-8"),
+                false => (StatusCode::NOT_FOUND, "application/problem+json"),
+            };
+            assert_eq!((answer.status(), &*kind), wanted, "{method} {path}");
+            assert!(answer.headers().contains_key("content-security-policy"));
+        }
+    }
+}
+
+#[tokio::test]
+async fn the_centre_says_why_in_the_language_of_the_request() {
+    let here = Here::new("words");
+    let bearer = format!("Bearer {}", here.token("ops", "operator", &[]).await);
+    for path in [
+        SITE,
+        "/fleet/v1/sites/plant7",
+        "/fleet/v1/none",
+        "/s/plant7/api",
+        "/api/v1/none",
+    ] {
+        for (lang, is_chinese) in [("zh", true), ("en", false)] {
+            let headers = [("authorization", &*bearer), ("accept-language", lang)];
+            let told = here.send(true, ("GET", path), &headers, "").await;
+            let told = json_of(told).await;
+            let detail = told["detail"].as_str().unwrap_or_default();
+            assert!(!detail.is_empty(), "{path}: {told}");
+            let has_some = detail
+                .chars()
+                .any(|letter| ('\u{4e00}'..='\u{9fff}').contains(&letter));
+            assert_eq!(has_some, is_chinese, "{path}: {detail}");
+        }
+        let told = here
+            .send(true, ("GET", path), &[("authorization", &*bearer)], "")
+            .await;
+        assert_eq!(json_of(told).await["detail"], Value::Null, "{path}");
+    }
+}
+
+#[tokio::test]
+async fn what_a_site_answers_keeps_its_own_words() {
+    let own = "{\"type\":\"about:blank\",\"title\":\"no such point\",\"status\":404,\
+               \"code\":\"E0802\",\"may_have_acted\":false,\"detail\":\"its own words\"}";
+    let said = move || {
+        let answer = ApiAnswer {
+            status: 404,
+            content_type: "application/problem+json".to_owned(),
+            body: own.as_bytes().to_vec(),
+            ..ApiAnswer::default()
+        };
+        site_api::response(answer, Duration::ZERO).unwrap()
+    };
+    let router = Router::new()
+        .route("/", get(async move || said()))
+        .layer(from_fn_with_state(Lang::Zh, localize::problems));
+    let request = Request::builder().uri("/").header("accept-language", "zh");
+    let request = request.body(Body::empty()).unwrap();
+    let Ok(answer) = TowerToHyperService::new(router).call(request).await;
+    let body = answer.into_body().collect().await.unwrap().to_bytes();
+    assert_eq!(body, own);
+}
