@@ -17,7 +17,7 @@ mod tries;
 mod user_routes;
 
 pub(crate) use accounts::is_selector;
-pub(crate) use accounts_api::AccountsApi;
+pub(crate) use accounts_api::{AccountsApi, AccountsPlace};
 pub use gate::Gate;
 pub(super) use gate::{Peer, identify};
 #[cfg(feature = "opcua")]

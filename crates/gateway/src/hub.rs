@@ -16,9 +16,10 @@ mod routes;
 mod site_api;
 mod view;
 
-use crate::access::{AccountsApi, Gate};
+use crate::access::{AccountsApi, AccountsPlace, Gate};
 use crate::listen::{self, ConnectionLimit};
 use crate::tcp::{self, Network, Reached};
+use crate::texts::GatewayText;
 use crate::tls::CertificateSource;
 use crate::{Asked, Signals, cut_off, deadline, listen_on_socket, no_socket, say};
 use driver::Driver;
@@ -47,7 +48,6 @@ railbus_words::texts! {
         zh: "按 Ctrl-C 停止；各站点继续运行",
     }
     Connected { en: "connected to {server}", zh: "已连接 {server}" }
-    NoAccount { en: "no account yet: {add}", zh: "尚无账户：{add}" }
     CantServeFleet { en: "can't run the centre", zh: "无法运行站群中心" }
 }
 
@@ -58,7 +58,7 @@ pub struct HubOptions {
     pub folder: PathBuf,
     /// The socket, if one is named.
     pub socket: Option<PathBuf>,
-    /// Where it listens for programs with a token, if anywhere.
+    /// Where it listens for browsers, and programs with a token, if anywhere.
     pub listen: Option<SocketAddr>,
     /// Certificate and key, if it uses TLS.
     pub tls: Option<CertificateSource>,
@@ -101,7 +101,7 @@ impl HubNetwork {
             demo: false,
             simulated: false,
             name: name(&wanted.folder).into(),
-            is_far: false,
+            place: AccountsPlace::Centre,
             origin: reached.origin.as_str().into(),
             is_tls: reached.tls.is_some(),
         };
@@ -198,27 +198,23 @@ fn announce(
     network: Option<&HubNetwork>,
 ) {
     let version = env!("CARGO_PKG_VERSION");
-    let api = network.map(|network| {
-        let tls = network.reached.tls.as_deref();
+    let reached = network.map(|network| {
+        let Reached { origin, tls, .. } = &network.reached;
+        let tls = tls.as_deref();
         let tls = tls.map(|tls| format!("\n  tls     SHA-256 {}", tls.fingerprint()));
-        let user = network.accounts.access.has_none().then(|| {
-            let add = format!(
-                "railbus token create NAME --role ROLE --fleet {}",
-                folder.display()
-            );
-            format!(
-                "\n          {}",
-                lang.fill(HubText::NoAccount, &[("add", &add)])
-            )
+        // If there is a user already, there is no link.
+        let setup = network.accounts.access.setup_link(origin).map(|link| {
+            let once = lang.get(GatewayText::ServeSetup);
+            format!("\n  setup   {link}   {once}")
         });
-        let (user, tls) = (user.unwrap_or_default(), tls.unwrap_or_default());
-        format!("\n  api     {}/fleet/v1{user}{tls}", network.reached.origin)
+        let (setup, tls) = (setup.unwrap_or_default(), tls.unwrap_or_default());
+        format!("\n  web     {origin}/{setup}{tls}\n  api     {origin}/fleet/v1")
     });
     say(&format!(
         "railbus {version}  {}\n  servers {}{}\n  socket  {}\n  {}",
         lang.fill(HubText::Serves, &[("name", &name(folder))]),
         files.servers.join(" "),
-        api.unwrap_or_default(),
+        reached.unwrap_or_default(),
         socket.display(),
         lang.get(HubText::Stop)
     ));

@@ -1,6 +1,6 @@
 //! What every handler needs of the daemon.
 
-use super::access::{AccountsApi, Caller, Gate};
+use super::access::{AccountsApi, AccountsPlace, Caller, Gate};
 use super::config::Desk;
 use super::listen::ended;
 use super::northbound::Northbound;
@@ -65,7 +65,7 @@ impl Site {
             demo: self.demo,
             simulated: !self.simulated.is_empty(),
             name: self.name().into(),
-            is_far: false,
+            place: AccountsPlace::Site,
             origin: Arc::clone(&self.origin),
             is_tls: self.tls.is_some(),
         }

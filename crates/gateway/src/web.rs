@@ -28,10 +28,8 @@ const POLICY: &str = "default-src 'self'; script-src 'self'; style-src 'self'; i
                       connect-src 'self'; object-src 'none'; base-uri 'none'; \
                       form-action 'none'; frame-ancestors 'none'";
 
-/// The page of a site; its script decides what it shows.
+/// The only HTML page; its script decides what it shows.
 const INDEX: &str = "index.html";
-/// The page of the centre of a fleet.
-const FLEET: &str = "fleet.html";
 
 /// The folder of files with a content hash in their names.
 const HASHED: &str = "assets/";
@@ -51,34 +49,34 @@ pub(super) async fn page(
     if is_api || !matches!(method, Method::GET | Method::HEAD) {
         return answer::problem(&Problem::new(codes::NO_SUCH_PAGE));
     }
-    let answer = served(path, INDEX, &headers, &built);
+    let answer = served(path, &headers, &built);
     let commands = ["railbus ls", "railbus watch"];
     answer.unwrap_or_else(|| missing(language::spoken(&headers, site.lang), commands))
 }
 
-/// The same at the centre of a fleet, which has a page of its own and that of each site.
+/// The same at the centre of a fleet, which has pages of its own and those of each site.
 #[cfg(feature = "fleet")]
 pub(super) fn fleet_page(lang: Lang, method: &Method, uri: &Uri, headers: &HeaderMap) -> Answer {
     let found = of_fleet(uri.path().trim_start_matches('/'));
-    let Some((path, page)) = found.filter(|_| matches!(*method, Method::GET | Method::HEAD)) else {
+    let Some(path) = found.filter(|_| matches!(*method, Method::GET | Method::HEAD)) else {
         return answer::problem(&Problem::new(codes::NO_SUCH_PAGE));
     };
-    let answer = served(path, page, headers, &built);
+    let answer = served(path, headers, &built);
     let commands = ["railbus fleet ls", "railbus fleet commands"];
     answer.unwrap_or_else(|| missing(language::spoken(headers, lang), commands))
 }
 
-/// The file and the page that stand for a path at the centre; none if it is one of an API.
+/// The file that stands for a path at the centre; none if it is one of an API.
 #[cfg(feature = "fleet")]
-fn of_fleet(path: &str) -> Option<(&str, &'static str)> {
+fn of_fleet(path: &str) -> Option<&str> {
     let (first, rest) = path.split_once('/').unwrap_or((path, ""));
     let (site, below) = rest.split_once('/').unwrap_or((rest, ""));
     match first {
         "api" | "fleet" => None,
         "s" if below == "api" || below.starts_with("api/") => None,
         // Its files are those of the centre, at the top.
-        "s" if !site.is_empty() => Some(("", INDEX)),
-        _ => Some((path, FLEET)),
+        "s" if !site.is_empty() => Some(""),
+        _ => Some(path),
     }
 }
 
@@ -88,10 +86,9 @@ fn built(name: &str) -> Option<Cow<'static, [u8]>> {
 }
 
 /// A file, or the page for any other path; none if the program was built without it.
-fn served(path: &str, page: &'static str, headers: &HeaderMap, find: Find<'_>) -> Option<Answer> {
-    // Neither program shows the page of the other, whose script would ask in vain.
+fn served(path: &str, headers: &HeaderMap, find: Find<'_>) -> Option<Answer> {
     let name = match path {
-        "" | INDEX | FLEET => page,
+        "" => INDEX,
         name => name,
     };
     let encodings = headers
@@ -104,7 +101,7 @@ fn served(path: &str, page: &'static str, headers: &HeaderMap, find: Find<'_>) -
     if name.starts_with(HASHED) {
         return Some(answer::problem(&Problem::new(codes::NO_SUCH_PAGE)));
     }
-    file(page, encodings, find)
+    file(INDEX, encodings, find)
 }
 
 /// A file in the best encoding that the browser accepts.
@@ -120,7 +117,7 @@ fn file(name: &str, encodings: &str, find: Find<'_>) -> Option<Answer> {
         None => (None, plain),
     };
     let kept = match name {
-        INDEX | FLEET => "no-store",
+        INDEX => "no-store",
         name if name.starts_with(HASHED) => "public, max-age=31536000, immutable",
         _ => "no-cache",
     };
@@ -200,11 +197,10 @@ mod tests {
     use super::*;
     use axum::http::header::ACCEPT_LANGUAGE;
 
-    /// Both pages, one script in all forms, and one picture.
+    /// One page, one script in all forms, and one picture.
     fn find(name: &str) -> Option<Cow<'static, [u8]>> {
-        let files: [(&str, &'static [u8]); 6] = [
+        let files: [(&str, &'static [u8]); 5] = [
             ("index.html", b"<page>"),
-            ("fleet.html", b"<fleet>"),
             ("assets/a-1f.js", b"script"),
             ("assets/a-1f.js.br", b"brotli"),
             ("assets/a-1f.js.gz", b"gzip"),
@@ -216,7 +212,7 @@ mod tests {
 
     fn asked(path: &str, header: (HeaderName, &'static str)) -> Answer {
         let headers = [(header.0, HeaderValue::from_static(header.1))];
-        served(path, INDEX, &headers.into_iter().collect(), &find).unwrap()
+        served(path, &headers.into_iter().collect(), &find).unwrap()
     }
 
     async fn body(answer: Answer) -> String {
@@ -254,7 +250,6 @@ mod tests {
             "module/pump/live",
             "setup",
             "index.html",
-            "fleet.html",
             "no.such.thing",
         ] {
             let answer = asked(path, (ACCEPT_ENCODING, ""));
@@ -267,21 +262,19 @@ mod tests {
     }
 
     #[cfg(feature = "fleet")]
-    #[tokio::test]
-    async fn a_centre_has_its_own_page_and_that_of_each_site() {
+    #[test]
+    fn at_a_centre_every_address_but_those_of_apis_is_the_page() {
         for (path, wanted) in [
-            ("", Some("<fleet>")),
-            ("sites", Some("<fleet>")),
-            ("index.html", Some("<fleet>")),
-            ("fleet.html", Some("<fleet>")),
-            ("icon.svg", Some("<svg>")),
-            ("s", Some("<fleet>")),
-            ("s/", Some("<fleet>")),
-            ("s/plant7", Some("<page>")),
-            ("s/plant7/", Some("<page>")),
-            ("s/plant7/module/oven", Some("<page>")),
-            ("s/plant7/apis", Some("<page>")),
-            ("s/plant7/icon.svg", Some("<page>")),
+            ("", Some("")),
+            ("sites", Some("sites")),
+            ("icon.svg", Some("icon.svg")),
+            ("s", Some("s")),
+            ("s/", Some("s/")),
+            ("s/plant7", Some("")),
+            ("s/plant7/", Some("")),
+            ("s/plant7/module/oven", Some("")),
+            ("s/plant7/apis", Some("")),
+            ("s/plant7/icon.svg", Some("")),
             ("s/plant7/api", None),
             ("s/plant7/api/", None),
             ("s/plant7/api/v1/points", None),
@@ -290,27 +283,14 @@ mod tests {
             ("fleet", None),
             ("fleet/v1/none", None),
         ] {
-            let Some((name, page)) = of_fleet(path) else {
-                assert_eq!(None, wanted, "{path}");
-                continue;
-            };
-            let answer = served(name, page, &HeaderMap::new(), &find).unwrap();
-            let kept = match path {
-                "icon.svg" => "no-cache",
-                _ => "no-store",
-            };
-            assert_eq!(told(&answer, CACHE_CONTROL), kept, "{path}");
-            assert_eq!(told(&answer, CONTENT_SECURITY_POLICY), POLICY);
-            assert_eq!(Some(body(answer).await.as_str()), wanted, "{path}");
+            assert_eq!(of_fleet(path), wanted, "{path}");
         }
-        let gone = served("assets/a-2e.js", FLEET, &HeaderMap::new(), &find);
-        assert_eq!(gone.unwrap().status(), StatusCode::NOT_FOUND);
     }
 
     #[tokio::test]
     async fn without_pages_it_is_said_what_to_do() {
         let nothing = |_: &str| None;
-        assert!(served("trends", INDEX, &HeaderMap::new(), &nothing).is_none());
+        assert!(served("trends", &HeaderMap::new(), &nothing).is_none());
         for (asked, lang, word) in [
             ("zh-CN,en;q=0.5", Lang::En, "zh-CN"),
             ("fr, en-US;q=0.8, zh;q=0.1", Lang::Zh, "\"en\""),

@@ -8,6 +8,18 @@ use railbus_words::Lang;
 use std::convert::Infallible;
 use std::sync::Arc;
 
+/// What accounts are for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum AccountsPlace {
+    /// The site that has them.
+    Site,
+    /// The centre of a fleet that has them.
+    #[cfg(feature = "fleet")]
+    Centre,
+    /// A far site: they are those of its centre.
+    FarSite,
+}
+
 /// What handlers of sessions and accounts need.
 #[derive(Clone, Debug)]
 pub(crate) struct AccountsApi {
@@ -23,12 +35,23 @@ pub(crate) struct AccountsApi {
     pub(crate) simulated: bool,
     /// The name of what the accounts are for.
     pub(crate) name: Arc<str>,
-    /// That is a far site, and the accounts are those of its centre.
-    pub(crate) is_far: bool,
+    /// What that is.
+    pub(crate) place: AccountsPlace,
     /// The URL of its pages: `http://127.0.0.1:7485`.
     pub(crate) origin: Arc<str>,
     /// Browsers use TLS.
     pub(crate) is_tls: bool,
+}
+
+impl AccountsPlace {
+    /// Whether it is the centre of a fleet.
+    pub(super) const fn is_centre(self) -> bool {
+        match self {
+            #[cfg(feature = "fleet")]
+            AccountsPlace::Centre => true,
+            AccountsPlace::Site | AccountsPlace::FarSite => false,
+        }
+    }
 }
 
 impl AccountsApi {
@@ -37,7 +60,7 @@ impl AccountsApi {
     /// A far site is only read and switched. An account that is limited to some points does not
     /// switch there: its patterns have no names of sites.
     pub(super) fn role(&self, who: &Caller) -> Option<Role> {
-        let most = match (self.is_far, who.is_limited()) {
+        let most = match (self.place == AccountsPlace::FarSite, who.is_limited()) {
             (false, _) => Role::Admin,
             (true, false) => Role::Operator,
             (true, true) => Role::Viewer,
@@ -60,7 +83,7 @@ impl FromRequestParts<AccountsApi> for AccountsApi {
         Ok(match named.find(|(key, _)| *key == "site") {
             Some((_, site)) => AccountsApi {
                 name: site.into(),
-                is_far: true,
+                place: AccountsPlace::FarSite,
                 ..api.clone()
             },
             None => api.clone(),

@@ -102,13 +102,6 @@ impl Gate {
         self.read(Accounts::is_empty)
     }
 
-    /// Whether there is neither a user nor a token.
-    #[cfg(feature = "fleet")]
-    pub(crate) fn has_none(&self) -> bool {
-        let now = Timestamp::now();
-        self.read(|accounts| accounts.is_empty() && accounts.tokens(now).is_empty())
-    }
-
     /// Changes the accounts: they are stored before they apply, and stay as they were if the change
     /// is refused or can't be stored. Even if the caller goes away, a change is whole or not made
     /// at all.

@@ -90,6 +90,8 @@ struct SessionTold {
     #[schema(required)]
     csrf: Option<String>,
     demo: bool,
+    /// It is the centre of a fleet that answers, about itself and not about one of its sites.
+    centre: bool,
     /// Some of its lines are simulated here, and can be controlled.
     simulated: bool,
     version: &'static str,
@@ -157,6 +159,7 @@ fn told(api: &AccountsApi, who: &Caller, csrf: Option<String>) -> SessionTold {
         setup: api.access.is_new(),
         csrf,
         demo: api.demo,
+        centre: api.place.is_centre(),
         simulated: api.simulated,
         version: env!("CARGO_PKG_VERSION"),
         lang: chosen.unwrap_or_else(|| api.lang.name().to_owned()),

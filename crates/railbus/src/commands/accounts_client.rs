@@ -69,7 +69,16 @@ pub(super) fn send(
                 let (method, path, body) = request.http();
                 hub.request(method, &path, &body).await
             }
-            Accounts::File(access) => of_file(&access, request).await,
+            Accounts::File(access) => {
+                let serve = match fleet {
+                    Some(folder) => {
+                        let folder = folder.display();
+                        format!("railbus fleet serve {folder} --listen 127.0.0.1:7486")
+                    }
+                    None => "railbus serve".to_owned(),
+                };
+                of_file(&access, request, serve).await
+            }
         };
         told.map_err(|problem| context.failure(&problem))
     })
@@ -139,7 +148,12 @@ impl<'a> AccountRequest<'a> {
     }
 }
 
-async fn of_file(access: &Arc<Gate>, request: &AccountRequest<'_>) -> Result<Value, Problem> {
+/// In the file; for a link a program has to be started first, by this command.
+async fn of_file(
+    access: &Arc<Gate>,
+    request: &AccountRequest<'_>,
+    serve: String,
+) -> Result<Value, Problem> {
     let text = |value: &Value| value.to_string().into_bytes();
     match request {
         AccountRequest::Users => Ok(desk::users(access)),
@@ -153,7 +167,7 @@ async fn of_file(access: &Arc<Gate>, request: &AccountRequest<'_>) -> Result<Val
         AccountRequest::RevokeToken(name) => desk::remove_token(access, name).await,
         AccountRequest::SetupLink => {
             let problem = Problem::new(codes::DAEMON);
-            Err(problem.with_hint("railbus serve"))
+            Err(problem.with_hint(serve))
         }
     }
 }

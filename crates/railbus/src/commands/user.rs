@@ -21,11 +21,11 @@ pub(crate) const NAME: &str = "user";
 
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
-    let bare = |name, about, usage| {
+    let verb = |name, about, usage| {
         let examples = args::examples(lang, UserText::Examples);
-        args::verb(lang, name, about, usage).before_help(examples)
+        let verb = args::verb(lang, name, about, usage).before_help(examples);
+        verb.arg(fleet(lang, UserText::Fleet))
     };
-    let verb = |name, about, usage| bare(name, about, usage).arg(fleet(lang, UserText::Fleet));
     let add = verb("add", UserText::Add, "railbus user add NAME --role ROLE")
         .arg(name(lang))
         .arg(role(lang))
@@ -44,7 +44,7 @@ pub(crate) fn define(lang: Lang) -> Command {
         .subcommand(verb("lock", UserText::Lock, "railbus user lock NAME").arg(name(lang)))
         .subcommand(verb("unlock", UserText::Unlock, "railbus user unlock NAME").arg(name(lang)))
         .subcommand(verb("remove", UserText::Remove, "railbus user remove NAME").arg(name(lang)))
-        .subcommand(bare(
+        .subcommand(verb(
             "setup-link",
             UserText::SetupLink,
             "railbus user setup-link",

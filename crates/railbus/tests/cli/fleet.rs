@@ -104,3 +104,17 @@ fn what_can_be_no_fleet_leaves_nothing_behind() {
     let left = std::fs::read_dir(&site.folder).expect("a folder");
     assert_eq!(left.count(), 1, "the fleet alone");
 }
+
+#[test]
+fn a_link_for_the_first_user_needs_a_centre_that_listens() {
+    let site = Site::empty("fleet-link");
+    let at = site.folder.join("acme").display().to_string();
+    assert_eq!(site.run(&format!("fleet init {at} --nats a")).code, 0);
+    let none = site.run(&format!("user setup-link --fleet {at} -o json"));
+    assert_eq!(none.error()["code"], "E0109", "{none:?}");
+    let try_it = none.error()["hint"][0].to_string();
+    assert!(
+        try_it.contains("railbus fleet serve") && try_it.contains("--listen"),
+        "{try_it}"
+    );
+}

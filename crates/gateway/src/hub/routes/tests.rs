@@ -1,7 +1,7 @@
 //! Who may what at the centre.
 
 use super::*;
-use crate::access::{Gate, Peer, desk};
+use crate::access::{AccountsPlace, Gate, Peer, desk};
 use axum::http::{Request, StatusCode};
 use http_body_util::BodyExt as _;
 use hyper::service::Service as _;
@@ -35,7 +35,7 @@ impl Here {
             demo: false,
             simulated: false,
             name: "acme".into(),
-            is_far: false,
+            place: AccountsPlace::Centre,
             origin: "http://127.0.0.1:7486".into(),
             is_tls: false,
         };
@@ -249,9 +249,9 @@ async fn users_of_the_centre_log_in_at_the_pages_of_a_site() {
     );
     let csrf = told["csrf"].as_str().unwrap();
     // It is one session: at another site, and at the centre, where the role is not less.
-    for (path, site, role) in [
-        ("/s/plant8/api/v1/session", "plant8", "operator"),
-        ("/api/v1/session", "acme", "admin"),
+    for (path, site, role, is_centre) in [
+        ("/s/plant8/api/v1/session", "plant8", "operator", false),
+        ("/api/v1/session", "acme", "admin", true),
     ] {
         let told = here
             .send(true, ("GET", path), &[("cookie", cookie)], "")
@@ -265,6 +265,7 @@ async fn users_of_the_centre_log_in_at_the_pages_of_a_site() {
             (&told["csrf"], &told["setup"]),
             (&json!(csrf), &json!(false))
         );
+        assert_eq!(told["centre"], is_centre);
     }
     // A page of another site knows no token.
     let logout = far("/s/plant7/api/v1/logout");
@@ -391,4 +392,30 @@ async fn what_a_site_answers_keeps_its_own_words() {
     let Ok(answer) = TowerToHyperService::new(router).call(request).await;
     let body = answer.into_body().collect().await.unwrap().to_bytes();
     assert_eq!(body, own);
+}
+
+#[tokio::test]
+async fn the_first_user_comes_by_a_link() {
+    let here = Here::new("link");
+    let made = here
+        .send(false, ("POST", "/api/v1/setup-link"), &[], "")
+        .await;
+    let made = json_of(made).await;
+    let link = made["setup_link"].as_str().unwrap();
+    let key = link.strip_prefix("http://127.0.0.1:7486/setup#k=").unwrap();
+    let setup = ("POST", "/api/v1/setup");
+    let wanted =
+        |key: &str| json!({ "key": key, "name": "li", "password": "a long password" }).to_string();
+    let wrong = here.send(true, setup, &[], &wanted("AAAA")).await;
+    assert_eq!(json_of(wrong).await["code"], "E0909");
+    let first = here.send(true, setup, &[], &wanted(key)).await;
+    assert_eq!(first.status(), StatusCode::OK);
+    assert_eq!(json_of(first).await["user"]["role"], "admin");
+    // Once only.
+    let again = here.send(true, setup, &[], &wanted(key)).await;
+    assert_eq!(again.status(), StatusCode::CONFLICT);
+    let link = here
+        .send(false, ("POST", "/api/v1/setup-link"), &[], "")
+        .await;
+    assert_eq!(link.status(), StatusCode::CONFLICT);
 }
