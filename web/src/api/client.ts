@@ -1,8 +1,11 @@
 // The client of the daemon's API. A request that fails throws an `ApiError` with its problem.
+import { hrefOf } from "./base";
 import { language, t } from "../i18n/index.svelte";
 import type { Problem } from "./types";
 
 const BASE = "/api/v1";
+/** The API of a centre, whose routes are given with it. */
+const FLEET = "/fleet/v1";
 /** How long a request may take before it is aborted. */
 const TIMEOUT_MS = 15_000;
 
@@ -36,6 +39,9 @@ export function onSessionEnd(then: () => void): void {
   ended = then;
 }
 
+/** The address of a route. */
+export const routeUrl = (path: string): string => (path.startsWith(`${FLEET}/`) ? path : hrefOf(BASE + path));
+
 async function request(
   method: string,
   path: string,
@@ -51,7 +57,7 @@ async function request(
   if (body !== undefined) init.body = JSON.stringify(body);
   let response: Response;
   try {
-    response = await fetch(BASE + path, init);
+    response = await fetch(routeUrl(path), init);
   } catch {
     throw new ApiError({ code: "", title: t("no_daemon"), status: 0 });
   }

@@ -1,10 +1,11 @@
-// The current state of the site, fed by the WebSocket. Where no WebSocket gets through, it is
-// polled once a second.
+// The current state of the site, fed by the WebSocket. Where no WebSocket gets through, and for a
+// far site, it is polled.
 import { SvelteMap } from "svelte/reactivity";
 import { language } from "../i18n/index.svelte";
-import { get, csrfToken } from "./client";
-import { clock } from "../lib/clock.svelte";
-import type { LineInfo, ModuleInfo, PointInfo } from "./types";
+import { farSite } from "./base";
+import { get, csrfToken, problemOf } from "./client";
+import { isOpen, markHeard, markOpen, markRetry, POLL_MS, silence } from "./link.svelte";
+import type { LineInfo, ModuleInfo, PointInfo, Problem } from "./types";
 
 export const points = new SvelteMap<string, PointInfo>();
 export const modules = new SvelteMap<string, ModuleInfo>();
@@ -22,12 +23,12 @@ export interface Message {
 type Listener = (message: Message) => void;
 
 const ALWAYS = ["points/#", "modules", "lines"];
-const POLL_MS = 1_000;
+const CHECK_MS = 1_000;
+/** How often those who subscribed are told to look again, where there are no news. */
+const FAR_NEWS_MS = 10_000;
 /** Silence after which the connection is probed, and after which it is closed. */
 const ASK_AFTER_MS = 2_000;
 const GONE_AFTER_MS = 15_000;
-/** Silence after which everything shown is stale, even if the socket is still open. */
-const STALE_AFTER_MS = 5_000;
 const RETRY_MOST_MS = 15_000;
 
 /** The recent samples of each analog point, for its sparkline. */
@@ -35,35 +36,12 @@ const COURSE_MS = 60_000;
 const COURSE_MOST = 240;
 const courses = new SvelteMap<string, { t: number; v: number }[]>();
 
-const link = $state({ open: false, everHeard: false, heard: Date.now(), retryAt: 0 });
 const listeners = new Map<string, Set<Listener>>();
 
 let socket: WebSocket | null = null;
 let running = false;
 let failures = 0;
 let polling: ReturnType<typeof setInterval> | undefined;
-
-export type LinkState = "live" | "connecting" | "reconnecting" | "stale";
-
-/** The state of the connection, and the seconds to show with it. */
-export function connection(): { state: LinkState; seconds: number } {
-  const now = clock();
-  const silent = now - link.heard;
-  if (!link.everHeard) return { state: "connecting", seconds: 0 };
-  if (silent < (link.open ? STALE_AFTER_MS : 2 * POLL_MS + 500)) return { state: "live", seconds: 0 };
-  if (silent > STALE_AFTER_MS) return { state: "stale", seconds: Math.round(silent / 1_000) };
-  return { state: "reconnecting", seconds: Math.max(0, Math.ceil((link.retryAt - now) / 1_000)) };
-}
-
-/** When the connection was lost, if it is: everything shown is from then. */
-export function lostAt(): number | null {
-  const { state } = connection();
-  return state === "reconnecting" || state === "stale" ? link.heard : null;
-}
-
-export function isStale(): boolean {
-  return lostAt() !== null;
-}
 
 export function course(path: string): readonly { t: number; v: number }[] {
   return courses.get(path) ?? [];
@@ -75,6 +53,11 @@ export function pointsOf(module: string): PointInfo[] {
 
 /** Subscribes to a topic. The returned function unsubscribes. */
 export function subscribe(topic: string, listener: Listener): () => void {
+  if (farSite !== null) {
+    // It sends no news: something may have been missed at any time.
+    const timer = setInterval(() => listener({ type: "dropped", topic }), FAR_NEWS_MS);
+    return () => clearInterval(timer);
+  }
   const others = listeners.get(topic) ?? new Set();
   if (others.size === 0) send({ sub: [topic] });
   others.add(listener);
@@ -92,7 +75,7 @@ export function start(): void {
   if (running) return;
   running = true;
   connect();
-  watchdog = setInterval(checkAlive, POLL_MS);
+  watchdog = setInterval(checkAlive, CHECK_MS);
 }
 
 export function stop(): void {
@@ -103,13 +86,17 @@ export function stop(): void {
   socket?.close();
 }
 
+document.addEventListener("visibilitychange", () => {
+  if (farSite !== null && running) void poll();
+});
+
 let watchdog: ReturnType<typeof setInterval> | undefined;
 let asked = false;
 
 /** Probes a silent connection: it may have died without being closed. */
 function checkAlive(): void {
-  if (!link.open) return;
-  const silent = Date.now() - link.heard;
+  if (!isOpen()) return;
+  const silent = silence();
   // The browser slows down the timers of a page in the background: close only after a probe.
   if (asked && silent > GONE_AFTER_MS) socket?.close();
   else if (silent > ASK_AFTER_MS && !asked) {
@@ -124,6 +111,10 @@ function send(message: object): void {
 
 function connect(): void {
   if (!running) return;
+  if (farSite !== null) {
+    startPolling();
+    return void poll();
+  }
   const scheme = location.protocol === "https:" ? "wss" : "ws";
   const asked = new URLSearchParams({ lang: language(), ...(csrfToken() ? { csrf: csrfToken() ?? "" } : {}) });
   const mine = new WebSocket(`${scheme}://${location.host}/api/v1/ws?${asked}`);
@@ -132,49 +123,60 @@ function connect(): void {
     failures = 0;
     clearInterval(polling);
     polling = undefined;
-    link.open = true;
-    markHeard();
+    markOpen(true);
+    heard();
     send({ sub: [...new Set([...ALWAYS, ...listeners.keys()])] });
   };
   mine.onmessage = (event) => {
-    markHeard();
+    heard();
     receive(JSON.parse(String(event.data)) as Message);
   };
   mine.onclose = () => {
-    link.open = false;
+    markOpen(false);
     if (!running || socket !== mine) return;
     failures += 1;
     const wait = Math.min(RETRY_MOST_MS, 500 * 2 ** Math.min(failures, 8));
-    link.retryAt = Date.now() + wait;
+    markRetry(wait);
     setTimeout(connect, wait);
-    polling ??= setInterval(() => void poll(), POLL_MS);
+    startPolling();
   };
 }
 
-function markHeard(): void {
-  link.heard = Date.now();
-  link.everHeard = true;
+function startPolling(): void {
+  polling ??= setInterval(() => void poll(), POLL_MS);
+}
+
+function heard(): void {
+  markHeard();
   asked = false;
 }
 
 let busy = false;
+let failure = $state.raw<Problem | null>(null);
+
+/** Why what is shown could not be fetched the last time, if it is polled. */
+export const pollProblem = (): Problem | null => failure;
 
 async function poll(): Promise<void> {
-  if (busy) return;
+  // The way to a far site may be a narrow one: nothing is fetched that nobody sees.
+  if (busy || (farSite !== null && document.hidden)) return;
   busy = true;
+  // It was so at some time since, however long the answer takes.
+  const since = Date.now();
   try {
     const [l, m, p] = await Promise.all([
       get<{ lines: LineInfo[] }>("/lines"),
       get<{ modules: ModuleInfo[] }>("/modules"),
       get<{ points: PointInfo[] }>("/points"),
     ]);
-    markHeard();
+    markHeard(since);
+    failure = null;
     replaceAll(lines, l.lines, (line) => line.line);
     replaceAll(modules, m.modules, (module) => module.module);
-    p.points.forEach(noteReading);
+    for (const point of p.points) noteReading(point, since);
     replaceAll(points, p.points, (point) => point.path);
-  } catch {
-    // The state of the connection shows it.
+  } catch (thrown) {
+    failure = problemOf(thrown);
   } finally {
     busy = false;
   }
@@ -190,7 +192,7 @@ function receive(message: Message): void {
   switch (message.topic) {
     case "points/#": {
       const fresh = news("points") as PointInfo[];
-      fresh.forEach(noteReading);
+      for (const point of fresh) noteReading(point);
       merge(points, fresh, (point) => point.path, all);
       break;
     }
@@ -216,8 +218,7 @@ function replaceAll<T>(into: SvelteMap<string, T>, items: T[], key: (item: T) =>
 }
 
 /** Notes when a point was read, and adds analog values to their samples. */
-function noteReading(point: PointInfo): void {
-  const now = Date.now();
+function noteReading(point: PointInfo, now = Date.now()): void {
   if (point.age_ms !== undefined) point.read_at = now - point.age_ms;
   // A value that is not good is no sample.
   if (point.kind !== "analog" || typeof point.value !== "number" || point.quality !== "good") return;
@@ -227,6 +228,8 @@ function noteReading(point: PointInfo): void {
 
 /** Stores a point that was fetched on its own. */
 export function refresh(point: PointInfo): void {
+  // From a far site answers arrive in any order: only polls, one after the other, say how it is.
+  if (farSite !== null) return void poll();
   noteReading(point);
   points.set(point.path, point);
 }

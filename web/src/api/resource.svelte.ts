@@ -1,6 +1,6 @@
 // A resource of the API, fetched for as long as a component shows it.
 import { get, problemOf } from "./client";
-import { lostAt } from "./live.svelte";
+import { lostAt } from "./link.svelte";
 import type { Problem } from "./types";
 
 export interface Resource<T> {

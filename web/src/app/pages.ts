@@ -20,6 +20,8 @@ export interface Page {
   daily?: true;
   /** Only where a line is simulated. */
   simulated?: true;
+  /** Only at the site itself, not at the centre of its fleet. */
+  near?: true;
 }
 
 const later = (name: keyof typeof import("./later")) => async () => ({ default: (await import("./later"))[name] });
@@ -28,7 +30,7 @@ export const PAGES: readonly Page[] = [
   { path: "/", title: "nav_overview", load: () => import("../modules/Overview.svelte"), icon: "overview", group: 0, role: "viewer", daily: true },
   { path: "/module/:name/:tab?", title: "module", load: later("Module"), role: "viewer" },
   { path: "/lines", title: "nav_lines", load: later("Lines"), icon: "lines", group: 0, role: "viewer", daily: true },
-  { path: "/lines/:name/scope", title: "scope", load: later("Scope"), role: "viewer" },
+  { path: "/lines/:name/scope", title: "scope", load: later("Scope"), role: "viewer", near: true },
   { path: "/discover", title: "nav_discover", load: later("Discover"), icon: "discover", group: 0, role: "engineer" },
   { path: "/trends", title: "nav_trends", load: later("Trends"), icon: "trends", group: 0, role: "viewer", daily: true },
   { path: "/events/:tab?", title: "nav_events", load: later("Events"), icon: "events", group: 0, role: "viewer", daily: true },
@@ -42,6 +44,7 @@ export const PAGES: readonly Page[] = [
     icon: "plug",
     group: 2,
     role: "viewer",
+    near: true,
   },
   { path: "/users", title: "nav_users", load: later("Users"), icon: "users", group: 2, role: "admin" },
   { path: "/system", title: "nav_system", load: later("System"), icon: "system", group: 2, role: "viewer" },

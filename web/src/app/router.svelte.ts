@@ -1,9 +1,14 @@
 // The router: the path of the address says which page is shown. Links are plain links, which can
 // be opened in a tab, copied and bookmarked; a click on one is handled in the page.
 
+import { hrefOf, pageAt } from "../api/base";
+
 export type Params = Record<string, string>;
 
-const place = $state({ path: location.pathname, query: location.search, hash: location.hash });
+/** The path of the page, as it would be at the site itself. */
+const pathNow = (): string => pageAt(location.pathname) ?? "/";
+
+const place = $state({ path: pathNow(), query: location.search, hash: location.hash });
 
 /** The path shown now. */
 export function path(): string {
@@ -20,15 +25,15 @@ export function hash(): string {
 }
 
 /** Goes to another page. */
-export function go(href: string, how: "push" | "replace" = "push"): void {
-  if (how === "push") history.pushState(null, "", href);
-  else history.replaceState(null, "", href);
+export function go(page: string, how: "push" | "replace" = "push"): void {
+  if (how === "push") history.pushState(null, "", hrefOf(page));
+  else history.replaceState(null, "", hrefOf(page));
   arrived();
   if (how === "push") scrollTo(0, 0);
 }
 
 function arrived(): void {
-  place.path = location.pathname;
+  place.path = pathNow();
   place.query = location.search;
   place.hash = location.hash;
 }
@@ -56,10 +61,10 @@ function clicked(event: MouseEvent): void {
   const plain = event.button === 0 && !event.metaKey && !event.ctrlKey && !event.shiftKey && !event.altKey;
   if (!link || !plain || event.defaultPrevented || link.target || link.hasAttribute("download")) return;
   const url = new URL(link.href);
-  // The API and its downloads are the daemon's, not pages of ours.
-  if (url.origin !== location.origin || url.pathname.startsWith("/api/")) return;
+  const page = url.origin === location.origin ? pageAt(url.pathname) : null;
+  if (page === null) return;
   event.preventDefault();
-  go(url.pathname + url.search + url.hash);
+  go(page + url.search + url.hash);
 }
 
 /** Follows links and the browser's back and forward. */

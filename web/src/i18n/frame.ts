@@ -16,6 +16,7 @@ export const frame = {
   nav_system: ["System", "系统"],
   nav_integrations: ["Integrations", "集成"],
   nav_trends: ["Trends", "趋势"],
+  far_sites: ["All sites", "全部站点"],
   more: ["More", "更多"],
   to_content: ["Skip to content", "跳到正文"],
   live_live: ["connected", "已连接"],

@@ -3,7 +3,8 @@
 import { t } from "../i18n/index.svelte";
 import { clock } from "../lib/clock.svelte";
 import { secondTime, span } from "../lib/format";
-import { lines, lostAt, pointsOf } from "../api/live.svelte";
+import { lostAt } from "../api/link.svelte";
+import { lines, pointsOf } from "../api/live.svelte";
 import { showsHidden } from "../app/prefs.svelte";
 import type { ModuleInfo, PointInfo } from "../api/types";
 
