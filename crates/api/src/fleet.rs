@@ -1,9 +1,10 @@
 //! The types of the centre's API: the sites of a fleet, and what is known of their points.
 
 use super::problem::Problem;
-use super::types::Quality;
+use super::types::{PointValue, Quality};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+use utoipa::ToSchema;
 
 /// The header of what a site answers through its centre, `/s/SITE/api/v1/…`: how long that was on
 /// its way, in milliseconds. Ages in the answer are older by so much.
@@ -13,19 +14,42 @@ pub const TRANSIT_HEADER: &str = "railbus-transit-ms";
 /// does not help here.
 pub const AT_SITE: &str = "at_site";
 
-/// `GET /fleet/v1/sites`: all sites that ever reported.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// `GET /fleet/v1/sites`: the sites that ever reported; all, or those that were asked for.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct FleetSites {
     /// The version of the API.
     pub schema: u8,
     /// The centre's own connection.
     pub connection: HubConnection,
+    /// How many sites are as was asked for, also if fewer are listed.
+    #[serde(default)]
+    #[schema(required)]
+    pub total: usize,
+    /// How many there are at all.
+    #[serde(default)]
+    #[schema(required)]
+    pub counts: FleetCounts,
     /// The sites, by name.
     pub sites: Vec<FleetSite>,
 }
 
+/// How many sites there are.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct FleetCounts {
+    /// All of them.
+    pub all: usize,
+    /// Those that are there.
+    pub online: usize,
+    /// Those that are not.
+    pub offline: usize,
+    /// Those of which the centre can't say.
+    pub unknown: usize,
+    /// Those that somebody should look at.
+    pub attention: usize,
+}
+
 /// `GET /fleet/v1/accounts`, for the owner of the centre: which accounts it has.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct FleetAccounts {
     /// The version of the API.
     pub schema: u8,
@@ -35,7 +59,7 @@ pub struct FleetAccounts {
 }
 
 /// The centre's connection to its servers.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct HubConnection {
     /// It hears what sites say.
     pub connected: bool,
@@ -47,7 +71,7 @@ pub struct HubConnection {
 }
 
 /// Whether a site is there.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum FleetPresence {
     /// Its heartbeats come.
@@ -58,8 +82,24 @@ pub enum FleetPresence {
     Unknown,
 }
 
+/// Why somebody should look at a site.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum FleetAttention {
+    /// It is offline.
+    Offline,
+    /// It is online, and its points are not as they are shown.
+    NotCurrent,
+    /// Another machine with its key asked to be this site within the last ten minutes.
+    Duplicate,
+    /// Its clock and the centre's differ by more than two seconds.
+    Clock,
+    /// Its key is valid for less than 21 days, and should have been renewed.
+    Key,
+}
+
 /// A site of the fleet.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct FleetSite {
     /// Its name.
     pub site: String,
@@ -93,10 +133,13 @@ pub struct FleetSite {
     /// refused.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub duplicate_ms: Option<u64>,
+    /// Why somebody should look at it.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub attention: Vec<FleetAttention>,
 }
 
 /// `GET /fleet/v1/sites/{site}`: a site with its points.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct FleetSitePoints {
     /// The version of the API.
     pub schema: u8,
@@ -107,12 +150,13 @@ pub struct FleetSitePoints {
 }
 
 /// A point of a site.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct FleetPoint {
     /// Module and label: `oven.k1`.
     pub path: String,
     /// Its last value; none if it is not known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<PointValue>)]
     pub value: Option<Value>,
     /// The quality of the value. It is not good unless the site is current.
     pub quality: Quality,
@@ -128,7 +172,7 @@ pub struct FleetPoint {
 }
 
 /// `GET /fleet/v1/commands`: the newest commands to sites, the newest last.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct FleetCommands {
     /// The version of the API.
     pub schema: u8,
@@ -139,7 +183,7 @@ pub struct FleetCommands {
 }
 
 /// A command to a site.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct FleetCommand {
     /// The site.
     pub site: String,
@@ -155,17 +199,18 @@ pub struct FleetCommand {
     pub path: String,
     /// The beginning of the body.
     pub body: String,
-    /// Its result; none as long as there is none.
+    /// Its result.
     #[serde(flatten)]
-    pub end: Option<FleetCommandEnd>,
+    pub end: FleetCommandEnd,
 }
 
-/// The result of a command.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// The result of a command; nothing of it as long as there is none.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct FleetCommandEnd {
     /// `answered`: the site reported the result. `never`: it was not carried out. `unknown`:
     /// whether it was carried out is not known.
-    pub how: String,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub how: Option<String>,
     /// The code of the problem, if there was one; of several outputs that of the first. `HTTP` and
     /// the status if the answer was none of railbus.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -173,9 +218,13 @@ pub struct FleetCommandEnd {
     /// How the output is known to be so, as the site said it: `readback`, `reply` or `sent`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub confirmed: Option<String>,
+    /// What the code means, in the language that `Accept-Language` asks for; none without it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub title: Option<String>,
     /// Why it was not carried out, or that is not known, in English.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
     /// When that was known, by the centre's clock, as RFC 3339 in UTC.
-    pub end_at: String,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub end_at: Option<String>,
 }

@@ -292,7 +292,7 @@ impl ToSchema for Value {
 }
 
 /// The name by which the document refers to it: utoipa takes any `Value` for arbitrary JSON.
-type PointValue = Value;
+pub(crate) type PointValue = Value;
 
 impl Quality {
     /// The name in JSON and tables.

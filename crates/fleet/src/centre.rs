@@ -20,7 +20,7 @@ use prost::Message as _;
 use session::{Admission, admit};
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
-pub use view::{SitePresence, SiteView};
+pub use view::{SiteAttention, SitePresence, SiteView};
 
 /// A site is offline when no heartbeat came for this long: three of them and some slack.
 const ONLINE: Duration = Duration::from_secs(35);
@@ -274,6 +274,7 @@ impl Centre {
                 .or_else(|| lease.and_then(|lease| lease.key_expires_s)),
             duplicate: site.duplicate.map(ago),
             points: site.known.points(),
+            paths: site.known.paths(),
         }
     }
 

@@ -24,6 +24,11 @@ const DAY_S: u64 = 86_400;
 pub const SITE_VALID_S: u64 = 90 * DAY_S;
 /// A key that is valid for less than this should have been renewed long ago, in seconds: 21 days.
 pub const KEY_ENDS_SOON_S: u64 = 21 * DAY_S;
+/// A clock that differs from the centre's by more than this is said to, in milliseconds.
+pub const CLOCK_OFF_MS: u64 = 2_000;
+/// A second machine asks for the session of a site every five minutes. One that has not asked for
+/// longer than this is gone.
+pub const COPY_GONE: std::time::Duration = std::time::Duration::from_secs(600);
 
 /// How long the centre waits for an answer of a site's API.
 pub const API_ANSWER_MAX: std::time::Duration = std::time::Duration::from_secs(25);

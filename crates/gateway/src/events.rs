@@ -118,7 +118,8 @@ fn filter(asked: &Asked) -> Result<Filter, Problem> {
     })
 }
 
-fn unreadable(key: &str) -> Problem {
+/// A parameter can't be read.
+pub(super) fn unreadable(key: &str) -> Problem {
     let reason = format!("\"{key}\" can't be read");
     Problem::new(codes::BAD_REQUEST).with("reason", reason)
 }

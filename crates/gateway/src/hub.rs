@@ -4,8 +4,8 @@
 //! # Where things are
 //! - What is decided, without I/O: `railbus_fleet::centre` and `railbus_fleet::ledger`. What drives
 //!   it: `driver`. Its connection, and the streams of its servers: `link`. What it tells:
-//!   `routes`, `view`. What sites tell through it: `site_api`. What they are told to do: `command`.
-//!   Keys that it issues: `keys`. Keys that are let in no longer: `revoke`.
+//!   `routes`, `view`, `sites`. What sites tell through it: `site_api`. What they are told to do:
+//!   `command`. Keys that it issues: `keys`. Keys that are let in no longer: `revoke`.
 
 mod command;
 mod driver;
@@ -14,6 +14,7 @@ mod link;
 mod revoke;
 mod routes;
 mod site_api;
+mod sites;
 mod view;
 
 use crate::access::{AccountsApi, AccountsPlace, Gate};
@@ -30,6 +31,8 @@ use railbus_words::{Code, Lang};
 pub use revoke::{Revocation, revoke_issued, revoke_keys};
 pub(crate) use routes::HubApi;
 use routes::HubAudience;
+#[cfg(test)]
+pub(crate) use routes::{DOCUMENT, documented};
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

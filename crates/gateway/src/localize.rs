@@ -19,10 +19,6 @@ use railbus_words::Lang;
 const PROBLEM_MAX: usize = 64 << 10;
 
 /// A response of another machine, whose problems have their texts from there.
-#[cfg_attr(
-    not(feature = "fleet"),
-    expect(dead_code, reason = "there are no sites but this one")
-)]
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ToldElsewhere;
 

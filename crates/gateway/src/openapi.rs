@@ -30,21 +30,44 @@ pub(super) const ROUTES: &[Route] =
             .doc(Doc::new("This document")),
     ];
 
+/// An API, as its document tells of it.
+pub(super) struct ApiAbout {
+    pub(super) title: &'static str,
+    pub(super) about: &'static str,
+    /// What stands before every path; nothing if the paths are whole.
+    pub(super) base: Option<&'static str>,
+}
+
+const SITE: ApiAbout = ApiAbout {
+    title: "railbus",
+    about: "Lines, modules and points of a site, as they are, and commands to them. \
+            Fields are only ever added; readers ignore what they do not know.",
+    base: Some(BASE),
+};
+
 /// The document does not change while the program runs.
-static TEXT: LazyLock<String> = LazyLock::new(|| make().to_json().unwrap_or_default());
+static TEXT: LazyLock<String> = LazyLock::new(|| text(&SITE, all().map(|route| ("", route))));
 
 async fn document() -> Answer {
     answer::with(StatusCode::OK, "application/json", TEXT.as_str())
 }
 
-/// The whole document.
-fn make() -> OpenApi {
+/// The document of an API with these routes, each with what its path begins with.
+pub(super) fn text(
+    api: &ApiAbout,
+    routes: impl Iterator<Item = (&'static str, &'static Route)>,
+) -> String {
+    make(api, routes).to_json().unwrap_or_default()
+}
+
+fn make(api: &ApiAbout, routes: impl Iterator<Item = (&'static str, &'static Route)>) -> OpenApi {
     let mut shapes = Shapes::new();
     let mut paths = PathsBuilder::new();
-    for route in all() {
+    for (prefix, route) in routes {
         if let (Some(doc), Some(method)) = (&route.doc, method(route.method)) {
-            let item = PathItem::new(method, operation(route, doc, &mut shapes));
-            paths = paths.path(route.path, item);
+            let path = format!("{prefix}{}", route.path);
+            let item = PathItem::new(method, operation((&path, route), doc, &mut shapes));
+            paths = paths.path(path, item);
         }
     }
     Problem::schemas(&mut shapes);
@@ -61,9 +84,9 @@ fn make() -> OpenApi {
     OpenApiBuilder::new()
         .info(
             InfoBuilder::new()
-                .title("railbus")
+                .title(api.title)
                 .version(env!("CARGO_PKG_VERSION"))
-                .description(Some(ABOUT))
+                .description(Some(api.about))
                 .license(Some(
                     LicenseBuilder::new()
                         .name("MIT OR Apache-2.0")
@@ -71,14 +94,14 @@ fn make() -> OpenApi {
                         .build(),
                 )),
         )
-        .servers(Some([ServerBuilder::new().url(BASE).build()]))
+        .servers(
+            api.base
+                .map(|base| [ServerBuilder::new().url(base).build()]),
+        )
         .paths(paths)
         .components(Some(components.build()))
         .build()
 }
-
-const ABOUT: &str = "Lines, modules and points of a site, as they are, and commands to them. \
-                     Fields are only ever added; readers ignore what they do not know.";
 
 fn cookie() -> SecurityScheme {
     let about = "A session; what changes something needs the header X-CSRF-Token as well. Its \
@@ -105,7 +128,7 @@ fn method(name: &str) -> Option<HttpMethod> {
     })
 }
 
-fn operation(route: &Route, doc: &Doc, shapes: &mut Shapes) -> Operation {
+fn operation((path, route): (&str, &Route), doc: &Doc, shapes: &mut Shapes) -> Operation {
     let mut content = ContentBuilder::new();
     if let Some(shape) = doc.answer {
         content = content.schema(Some(shape(shapes)));
@@ -127,7 +150,7 @@ fn operation(route: &Route, doc: &Doc, shapes: &mut Shapes) -> Operation {
         }
     };
     let mut operation = OperationBuilder::new()
-        .operation_id(Some(operation_id(route)))
+        .operation_id(Some(operation_id(route.method, path)))
         .tag(tag(route.path))
         .summary(Some(doc.summary))
         .description(Some(role(route.need)))
@@ -139,7 +162,7 @@ fn operation(route: &Route, doc: &Doc, shapes: &mut Shapes) -> Operation {
         let plan = plan.content("application/json", content).build();
         operation = operation.response("200", plan);
     }
-    for parameter in parameters(route.path, doc) {
+    for parameter in parameters(path, doc) {
         operation = operation.parameter(parameter);
     }
     if let Some(shape) = doc.takes {
@@ -176,12 +199,10 @@ fn must_say_something(shape: &RefOr<Schema>, shapes: &Shapes) -> Required {
 }
 
 /// `get_points_module_label`.
-fn operation_id(route: &Route) -> String {
-    let words = route.path.split(|c: char| !c.is_ascii_alphanumeric());
+fn operation_id(method: &str, path: &str) -> String {
+    let words = path.split(|c: char| !c.is_ascii_alphanumeric());
     let words = words.filter(|word| !word.is_empty());
-    words.fold(route.method.to_ascii_lowercase(), |id, word| {
-        id + "_" + word
-    })
+    words.fold(method.to_ascii_lowercase(), |id, word| id + "_" + word)
 }
 
 /// The first segment of the path.
@@ -223,24 +244,39 @@ mod tests {
     use serde_json::Value;
     use std::collections::BTreeSet;
 
-    fn document() -> Value {
-        serde_json::from_str(&TEXT).unwrap()
+    type Routes = Vec<(&'static str, &'static Route)>;
+
+    /// Each document, and the routes that it is made of.
+    fn documents() -> Vec<(Value, Routes)> {
+        let of_site: Routes = all().map(|route| ("", route)).collect();
+        let parsed = |text: &str| serde_json::from_str(text).unwrap();
+        vec![
+            (parsed(&TEXT), of_site),
+            #[cfg(feature = "fleet")]
+            (
+                parsed(&crate::hub::DOCUMENT),
+                crate::hub::documented().collect(),
+            ),
+        ]
     }
 
     #[test]
-    fn every_route_is_in_the_document_and_nothing_else_is() {
-        let document = document();
-        let mut told = BTreeSet::new();
-        for (path, item) in document["paths"].as_object().unwrap() {
-            for method in item.as_object().unwrap().keys() {
-                told.insert(format!("{} {path}", method.to_ascii_uppercase()));
+    fn every_route_is_in_its_document_and_nothing_else_is() {
+        for (document, routes) in documents() {
+            let (mut told, mut ids) = (BTreeSet::new(), BTreeSet::new());
+            for (path, item) in document["paths"].as_object().unwrap() {
+                for (method, operation) in item.as_object().unwrap() {
+                    told.insert(format!("{} {path}", method.to_ascii_uppercase()));
+                    let id = operation["operationId"].as_str().unwrap().to_owned();
+                    assert!(ids.insert(id), "{method} {path}");
+                }
             }
+            let served: BTreeSet<String> = routes
+                .iter()
+                .map(|(prefix, route)| format!("{} {prefix}{}", route.method, route.path))
+                .collect();
+            assert_eq!(told, served, "each Route needs its .doc(Doc::new(…))");
         }
-        let routes = all();
-        let served: BTreeSet<String> = routes
-            .map(|route| format!("{} {}", route.method, route.path))
-            .collect();
-        assert_eq!(told, served, "each Route needs its .doc(Doc::new(…))");
     }
 
     /// Readers of the document do not see the Rust code, so it must contain no links to items.
@@ -257,9 +293,11 @@ mod tests {
                 _ => {}
             }
         }
-        let document = document();
+        let documents = documents();
         let mut all = Vec::new();
-        descriptions(&document, &mut all);
+        for (document, _) in &documents {
+            descriptions(document, &mut all);
+        }
         assert!(all.len() > 200, "{} are found", all.len());
         all.retain(|text| {
             ["[`", "`]", "crate::"]
@@ -271,20 +309,23 @@ mod tests {
 
     #[test]
     fn every_shape_it_names_is_in_it() {
-        let document = document();
-        let text = document.to_string();
-        for name in text.split("\"#/components/").skip(1) {
-            let name = name.split('"').next().unwrap();
-            let found = document.pointer(&format!("/components/{name}"));
-            assert!(found.is_some_and(|shape| !shape.is_null()), "{name}");
+        for (document, _) in documents() {
+            let text = document.to_string();
+            for name in text.split("\"#/components/").skip(1) {
+                let name = name.split('"').next().unwrap();
+                let found = document.pointer(&format!("/components/{name}"));
+                assert!(found.is_some_and(|shape| !shape.is_null()), "{name}");
+            }
+            assert_eq!(document["openapi"], "3.1.0");
         }
-        assert_eq!(document["openapi"], "3.1.0");
     }
 
     #[test]
     fn no_two_types_share_a_name() {
         let mut shapes = Shapes::new();
-        for doc in all().filter_map(|route| route.doc) {
+        // Pages take the shapes of both.
+        let routes = documents().into_iter().flat_map(|(_, routes)| routes);
+        for doc in routes.filter_map(|(_, route)| route.doc) {
             for shape in [doc.takes, doc.answer, doc.plan].into_iter().flatten() {
                 shape(&mut shapes);
             }

@@ -33,6 +33,9 @@ pub(super) struct KnownSite {
     /// Spans received ahead of a gap: first number to last.
     spans: BTreeMap<u64, u64>,
     points: BTreeMap<String, KnownPoint>,
+    /// Their paths in lower case, a line each: thousands of sites are searched, and to visit every
+    /// point of them would take too long.
+    paths: String,
 }
 
 impl KnownSite {
@@ -47,6 +50,10 @@ impl KnownSite {
 
     pub(super) const fn points(&self) -> &BTreeMap<String, KnownPoint> {
         &self.points
+    }
+
+    pub(super) fn paths(&self) -> &str {
+        &self.paths
     }
 
     /// Whether everything has arrived that a heartbeat vouches for.
@@ -65,7 +72,14 @@ impl KnownSite {
             return;
         }
         // Points that are not in it no longer exist, unless a later entry has them.
+        let before = self.points.len();
         self.points.retain(|_, point| point.seq > state.seq);
+        if self.points.len() != before {
+            self.paths.clear();
+            for path in self.points.keys() {
+                add_line(&mut self.paths, path);
+            }
+        }
         self.whole = Some(state.seq);
         for entry in state.points {
             if !self.tell(state.seq, entry) {
@@ -145,10 +159,16 @@ impl KnownSite {
                 at_ms,
                 reading,
             };
+            add_line(&mut self.paths, &path);
             self.points.insert(path, point);
         }
         has_place
     }
+}
+
+fn add_line(paths: &mut String, path: &str) {
+    paths.extend(path.chars().flat_map(char::to_lowercase));
+    paths.push('\n');
 }
 
 /// Whether its texts are no longer than those of real modules.

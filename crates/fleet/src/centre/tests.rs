@@ -119,6 +119,9 @@ impl Hub {
             Some(UplinkValue::Count(count)) => count,
             _ => -1,
         };
+        let mut paths: Vec<&str> = view.paths.lines().collect();
+        paths.sort_unstable();
+        assert!(view.points.keys().eq(paths), "{}", view.paths);
         let points = view.points.iter().map(|(path, p)| (path.clone(), value(p)));
         (view.is_current, points.collect())
     }

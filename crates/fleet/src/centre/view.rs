@@ -1,6 +1,7 @@
 //! What the centre tells of a site.
 
 use super::KnownPoint;
+use crate::{CLOCK_OFF_MS, COPY_GONE, KEY_ENDS_SOON_S};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -13,6 +14,21 @@ pub enum SitePresence {
     Online,
     /// They do not.
     Offline,
+}
+
+/// Why somebody should look at a site.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SiteAttention {
+    /// It is offline.
+    Offline,
+    /// It is online, and not all of its values are current.
+    NotCurrent,
+    /// Another machine with its key asked to be this site, not long ago.
+    Duplicate,
+    /// Its clock differs from the centre's.
+    Clock,
+    /// Its key expires soon, and should have been renewed.
+    Key,
 }
 
 /// What the centre knows of a site.
@@ -46,4 +62,145 @@ pub struct SiteView<'c> {
     pub duplicate: Option<Duration>,
     /// Its points, by path.
     pub points: &'c BTreeMap<String, KnownPoint>,
+    /// Their paths in lower case, a line each.
+    pub paths: &'c str,
+}
+
+impl SiteView<'_> {
+    /// Why somebody should look at it, at this time in seconds since 1970.
+    pub fn attention(&self, clock_s: i64) -> impl Iterator<Item = SiteAttention> {
+        let is_online = self.presence == SitePresence::Online;
+        let is_off = |ahead: i64| ahead.unsigned_abs() > CLOCK_OFF_MS;
+        let ends = self.key_expires_s.map(|at| at.saturating_sub(clock_s));
+        let all = [
+            (
+                self.presence == SitePresence::Offline,
+                SiteAttention::Offline,
+            ),
+            (is_online && !self.is_current, SiteAttention::NotCurrent),
+            (
+                self.duplicate.is_some_and(|ago| ago < COPY_GONE),
+                SiteAttention::Duplicate,
+            ),
+            (
+                self.clock_ahead_ms.is_some_and(is_off),
+                SiteAttention::Clock,
+            ),
+            (
+                ends.is_some_and(|left| left < KEY_ENDS_SOON_S.cast_signed()),
+                SiteAttention::Key,
+            ),
+        ];
+        let is_so = |(is_so, why): (bool, SiteAttention)| is_so.then_some(why);
+        all.into_iter().filter_map(is_so)
+    }
+
+    /// Whether all of these words, in lower case and without spaces, are found: each in its name,
+    /// its version or the path of one of its points.
+    #[must_use]
+    pub fn has_words(&self, words: &[String]) -> bool {
+        words.iter().all(|word| {
+            // Names are in lower case.
+            self.name.contains(word.as_str())
+                || self.paths.contains(word.as_str())
+                || self.version.to_lowercase().contains(word.as_str())
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const NOW_S: i64 = 1_795_910_400;
+    const DAY_S: i64 = 86_400;
+
+    fn well(points: &BTreeMap<String, KnownPoint>) -> SiteView<'_> {
+        SiteView {
+            name: "plant7",
+            presence: SitePresence::Online,
+            heard: Some(Duration::ZERO),
+            is_current: true,
+            vouched: Some(Duration::ZERO),
+            behind: Some(0),
+            clock_ahead_ms: Some(-2_000),
+            session: "",
+            time: None,
+            version: "1.2.0-RC1",
+            key_expires_s: Some(NOW_S + 21 * DAY_S),
+            duplicate: Some(COPY_GONE),
+            points,
+            paths: "oven.k1\noven.k2\nhall.temperature\n",
+        }
+    }
+
+    #[test]
+    fn what_is_wrong_with_a_site_is_named() {
+        use SiteAttention::{Clock, Duplicate, Key, NotCurrent, Offline};
+        let points = BTreeMap::new();
+        let why = |view: SiteView<'_>| view.attention(NOW_S).collect::<Vec<_>>();
+        let well = well(&points);
+        assert_eq!(why(well.clone()), []);
+        let away = SiteView {
+            presence: SitePresence::Offline,
+            is_current: false,
+            clock_ahead_ms: None,
+            ..well.clone()
+        };
+        assert_eq!(why(away.clone()), [Offline]);
+        let unknown = SitePresence::Unknown;
+        assert_eq!(
+            why(SiteView {
+                presence: unknown,
+                ..away
+            }),
+            []
+        );
+        let bad = SiteView {
+            is_current: false,
+            clock_ahead_ms: Some(2_001),
+            key_expires_s: Some(NOW_S + 21 * DAY_S - 1),
+            duplicate: Some(Duration::ZERO),
+            ..well.clone()
+        };
+        assert_eq!(why(bad), [NotCurrent, Duplicate, Clock, Key]);
+        let expired = Some(NOW_S - DAY_S);
+        assert_eq!(
+            why(SiteView {
+                key_expires_s: expired,
+                ..well.clone()
+            }),
+            [Key]
+        );
+        assert_eq!(
+            why(SiteView {
+                key_expires_s: None,
+                ..well
+            }),
+            []
+        );
+    }
+
+    #[test]
+    fn a_site_is_found_by_its_name_its_version_and_its_points() {
+        let points = BTreeMap::new();
+        let well = well(&points);
+        let has = |words: &str| {
+            let words: Vec<_> = words.split(' ').map(str::to_owned).collect();
+            well.has_words(&words)
+        };
+        for words in [
+            "plant7",
+            "ant",
+            "rc1",
+            "oven.k1",
+            "temperature 1.2 plant",
+            "k2 k1",
+        ] {
+            assert!(has(words), "{words}");
+        }
+        for words in ["plant8", "oven.k3", "plant7 oven.k3", "k1oven", "RC1"] {
+            assert!(!has(words), "{words}");
+        }
+    }
 }

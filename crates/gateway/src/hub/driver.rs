@@ -4,6 +4,7 @@ use super::HubText;
 use super::command::{self, GivenCommand, SentEnd};
 use super::link::{Document, HubFiles, Link, Opened};
 use super::site_api::SiteWay;
+use super::sites::{self, SitesWanted};
 use super::view;
 use crate::access::secret::{hex, random};
 use crate::clock::since_boot;
@@ -46,8 +47,8 @@ const TOLD: Duration = Duration::from_secs(60);
 
 /// What is asked of the centre.
 pub(super) enum HubCall {
-    /// All sites.
-    Sites(oneshot::Sender<FleetSites>),
+    /// The sites that are wanted.
+    Sites(SitesWanted, oneshot::Sender<FleetSites>),
     /// A site with its points; the problem if there is none of this name, or that is not known.
     Site(String, oneshot::Sender<Result<FleetSitePoints, Problem>>),
     /// How a site is asked; the problem if it can't be.
@@ -605,16 +606,17 @@ impl Driver {
     }
 
     fn answer(&mut self, call: HubCall, link: Option<&Link>) {
-        let now = since_boot();
+        let (now, clock_s) = (since_boot(), millis(SystemTime::now()) / 1_000);
         // Sending fails if the client is gone.
         match call {
-            HubCall::Sites(to) => {
+            HubCall::Sites(wanted, to) => {
                 let error = self.error.as_ref().map(|(problem, _)| problem.clone());
-                _ = to.send(view::sites((&self.centre, &self.ledger), now, error));
+                let known = (&self.centre, &self.ledger);
+                _ = to.send(sites::sites(known, &wanted, (now, clock_s), error));
             }
             HubCall::Site(name, to) => {
                 let site = self.centre.site(now, &name);
-                let site = site.as_ref().map(view::site_points);
+                let site = site.as_ref().map(|site| view::site_points(site, clock_s));
                 _ = to.send(site.ok_or_else(|| self.no_site(&name)));
             }
             HubCall::Way(name, to) => {

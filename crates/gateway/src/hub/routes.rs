@@ -3,24 +3,28 @@
 use super::command::{self, GivenCommand};
 use super::driver::HubCall;
 use super::site_api;
+use super::sites::SitesWanted;
 use super::view::SCHEMA;
 use crate::access::{AccountsApi, Caller, Need, Reach, SESSION_ROUTES, USER_ROUTES, check};
+use crate::doc::Doc;
 use crate::guard::Front;
-use crate::route::{BASE, Route, RouteHandler};
+use crate::language::spoken;
+use crate::openapi::{ApiAbout, text};
+use crate::route::{Asked, BASE, Route, RouteHandler};
 use crate::routes::{BODY_MAX, guarded, not_so};
 use crate::{answer, compress, localize, web};
 use axum::body::{Body, Bytes};
 use axum::extract::{DefaultBodyLimit, Path, State};
 use axum::http::header::ACCEPT_LANGUAGE;
-use axum::http::{HeaderMap, Method, Response, Uri};
+use axum::http::{HeaderMap, Method, Response, StatusCode, Uri};
 use axum::middleware::{from_fn, from_fn_with_state};
 use axum::routing::{any, get};
 use axum::{Extension, Router};
-use railbus_api::fleet::FleetAccounts;
+use railbus_api::fleet::{FleetAccounts, FleetCommand, FleetCommands, FleetSitePoints, FleetSites};
 use railbus_api::problem::{Problem, codes};
-use railbus_words::Lang;
+use railbus_words::{Code, Lang};
 use std::path::Path as FilePath;
-use std::sync::Arc;
+use std::sync::{Arc, LazyLock};
 use tokio::sync::{mpsc, oneshot};
 
 pub(super) type Calls = mpsc::Sender<HubCall>;
@@ -32,11 +36,43 @@ const FAR_BASE: &str = "/s/{site}/api/v1";
 
 /// The centre's own routes.
 const ROUTES: &[Route] = &[
-    Route::of_hub("GET", "/sites", Need::VIEWER, || get(sites)),
-    Route::of_hub("GET", "/sites/{site}", Need::VIEWER, || get(site)),
-    Route::of_hub("GET", "/commands", Need::VIEWER, || get(commands)),
-    Route::of_hub("GET", "/accounts", Need::Owner, || get(accounts)),
+    Route::of_hub("GET", "/sites", Need::VIEWER, || get(sites)).doc(
+        Doc::new("The sites of the fleet: all, or those that are searched for")
+            .query(super::sites::QUERY)
+            .answers::<FleetSites>(),
+    ),
+    Route::of_hub("GET", "/sites/{site}", Need::VIEWER, || get(site)).doc(
+        Doc::new("A site, and what the centre knows of its points").answers::<FleetSitePoints>(),
+    ),
+    Route::of_hub("GET", "/commands", Need::VIEWER, || get(commands))
+        .doc(Doc::new("The newest commands to sites, the newest last").answers::<FleetCommands>()),
+    Route::of_hub("GET", "/accounts", Need::Owner, || get(accounts))
+        .doc(Doc::new("Which accounts the centre has").answers::<FleetAccounts>()),
+    Route::of_hub("GET", "/openapi.json", Need::Nothing, || get(document))
+        .doc(Doc::new("This document")),
 ];
+
+const ABOUT: ApiAbout = ApiAbout {
+    title: "railbus fleet",
+    about: "The sites of a fleet, as its centre knows them, and the users of the centre. The API \
+            of a site is at /s/SITE/api/v1, as its own document describes it: what can be read, \
+            and commands. Fields are only ever added; readers ignore what they do not know.",
+    base: None,
+};
+
+/// The document does not change while the program runs.
+pub(crate) static DOCUMENT: LazyLock<String> = LazyLock::new(|| text(&ABOUT, documented()));
+
+/// All routes of the centre, each with the prefix of its path.
+pub(crate) fn documented() -> impl Iterator<Item = (&'static str, &'static Route)> {
+    let own = ROUTES.iter().map(|route| (FLEET_BASE, route));
+    let accounts = SESSION_ROUTES.iter().chain(USER_ROUTES);
+    let far = SESSION_ROUTES
+        .iter()
+        .filter(|route| FAR.contains(&route.path));
+    own.chain(accounts.map(|route| (BASE, route)))
+        .chain(far.map(|route| (FAR_BASE, route)))
+}
 
 /// Routes of sessions that a page of a far site needs. Its users are those of the centre.
 const FAR: [&str; 4] = ["/session", "/login", "/logout", "/password"];
@@ -45,6 +81,7 @@ const FAR: [&str; 4] = ["/session", "/login", "/logout", "/password"];
 #[derive(Clone, Debug)]
 pub(crate) struct HubApi {
     calls: Calls,
+    lang: Lang,
     /// Which accounts it has.
     accounts: FleetAccounts,
 }
@@ -76,6 +113,7 @@ pub(super) fn router(lang: Lang, calls: Calls, audience: HubAudience<'_>) -> Rou
     };
     let api = HubApi {
         calls: calls.clone(),
+        lang,
         accounts: accounts_told,
     };
     // Who is limited to some points of a site can't be held to them here.
@@ -145,17 +183,35 @@ fn account_routes(accounts: &AccountsApi, is_owner: bool, is_wanted: fn(&Route) 
         .with_state(accounts.clone())
 }
 
-async fn sites(State(api): State<HubApi>) -> Response<Body> {
-    answer::json(call(&api.calls, HubCall::Sites).await)
+async fn sites(State(api): State<HubApi>, asked: Asked) -> Response<Body> {
+    let wanted = match SitesWanted::of(&asked) {
+        Ok(wanted) => wanted,
+        Err(problem) => return answer::problem(&problem),
+    };
+    answer::json(call(&api.calls, |to| HubCall::Sites(wanted, to)).await)
 }
 
-async fn commands(State(api): State<HubApi>) -> Response<Body> {
-    answer::json(call(&api.calls, HubCall::Commands).await)
+async fn commands(State(api): State<HubApi>, headers: HeaderMap) -> Response<Body> {
+    let told = call(&api.calls, HubCall::Commands).await;
+    answer::json(told.map(|mut told| {
+        if headers.contains_key(ACCEPT_LANGUAGE) {
+            let lang = spoken(&headers, api.lang);
+            for FleetCommand { end, .. } in &mut told.commands {
+                let code = end.code.as_deref().and_then(Code::from_name);
+                end.title = code.map(|code| code.page().title(lang).to_owned());
+            }
+        }
+        told
+    }))
 }
 
 async fn site(State(api): State<HubApi>, Path(name): Path<String>) -> Response<Body> {
     let found = call(&api.calls, |to| HubCall::Site(name, to)).await;
     answer::json(found.and_then(|found| found))
+}
+
+async fn document() -> Response<Body> {
+    answer::with(StatusCode::OK, "application/json", DOCUMENT.as_str())
 }
 
 async fn accounts(State(api): State<HubApi>) -> Response<Body> {

@@ -1,13 +1,12 @@
 //! What the centre knows, as its API has it.
 
 use railbus_api::fleet::{
-    FleetCommand, FleetCommandEnd, FleetCommands, FleetPoint, FleetPresence, FleetSite,
-    FleetSitePoints, FleetSites, HubConnection,
+    FleetAttention, FleetCommand, FleetCommandEnd, FleetCommands, FleetPoint, FleetPresence,
+    FleetSite, FleetSitePoints,
 };
-use railbus_api::problem::Problem;
 use railbus_api::types::Quality;
 use railbus_app::api::past::moment;
-use railbus_fleet::centre::{Centre, KnownPoint, SitePresence, SiteView};
+use railbus_fleet::centre::{KnownPoint, SiteAttention, SitePresence, SiteView};
 use railbus_fleet::ledger::{CommandView, Ledger};
 use railbus_fleet::message::{ReadingQuality, UplinkValue};
 use serde_json::Value;
@@ -16,29 +15,12 @@ use std::time::Duration;
 /// The version of the API.
 pub(super) const SCHEMA: u8 = 1;
 
-/// All sites.
-pub(super) fn sites(
-    (centre, ledger): (&Centre, &Ledger),
-    now: Duration,
-    error: Option<Problem>,
-) -> FleetSites {
-    FleetSites {
-        schema: SCHEMA,
-        connection: HubConnection {
-            connected: centre.is_connected(),
-            error,
-            unreadable: centre.unreadable().saturating_add(ledger.unreadable()),
-        },
-        sites: centre.sites(now).map(|view| site(&view)).collect(),
-    }
-}
-
 /// A site with its points.
-pub(super) fn site_points(view: &SiteView<'_>) -> FleetSitePoints {
+pub(super) fn site_points(view: &SiteView<'_>, clock_s: i64) -> FleetSitePoints {
     let points = view.points.iter();
     FleetSitePoints {
         schema: SCHEMA,
-        site: site(view),
+        site: site(view, clock_s),
         points: points
             .map(|(path, known)| point(view, path, known))
             .collect(),
@@ -57,13 +39,7 @@ pub(super) fn commands(ledger: &Ledger) -> FleetCommands {
             method,
             path,
             body,
-            end: view.end.as_ref().map(|end| FleetCommandEnd {
-                how: end.how.to_owned(),
-                code: end.code.clone(),
-                confirmed: end.confirmed.clone(),
-                reason: Some(end.reason.clone()).filter(|reason| !reason.is_empty()),
-                end_at: moment(end.at_ms),
-            }),
+            end: end_of(view),
         }
     };
     FleetCommands {
@@ -73,7 +49,22 @@ pub(super) fn commands(ledger: &Ledger) -> FleetCommands {
     }
 }
 
-fn site(view: &SiteView<'_>) -> FleetSite {
+fn end_of(view: &CommandView) -> FleetCommandEnd {
+    let Some(end) = &view.end else {
+        return FleetCommandEnd::default();
+    };
+    FleetCommandEnd {
+        how: Some(end.how.to_owned()),
+        code: end.code.clone(),
+        title: None,
+        confirmed: end.confirmed.clone(),
+        reason: Some(end.reason.clone()).filter(|reason| !reason.is_empty()),
+        end_at: Some(moment(end.at_ms)),
+    }
+}
+
+/// A site at this time, in seconds since 1970.
+pub(super) fn site(view: &SiteView<'_>, clock_s: i64) -> FleetSite {
     let ms = |time: Duration| u64::try_from(time.as_millis()).unwrap_or(u64::MAX);
     FleetSite {
         site: view.name.to_owned(),
@@ -93,6 +84,17 @@ fn site(view: &SiteView<'_>) -> FleetSite {
             .key_expires_s
             .map(|at| moment(at.saturating_mul(1_000))),
         duplicate_ms: view.duplicate.map(ms),
+        attention: view.attention(clock_s).map(attention).collect(),
+    }
+}
+
+const fn attention(why: SiteAttention) -> FleetAttention {
+    match why {
+        SiteAttention::Offline => FleetAttention::Offline,
+        SiteAttention::NotCurrent => FleetAttention::NotCurrent,
+        SiteAttention::Duplicate => FleetAttention::Duplicate,
+        SiteAttention::Clock => FleetAttention::Clock,
+        SiteAttention::Key => FleetAttention::Key,
     }
 }
 

@@ -2,11 +2,11 @@
 
 use super::*;
 use crate::access::{AccountsPlace, Gate, Peer, desk};
-use axum::http::{Request, StatusCode};
+use axum::http::Request;
 use http_body_util::BodyExt as _;
 use hyper::service::Service as _;
 use hyper_util::service::TowerToHyperService;
-use railbus_api::fleet::FleetCommands;
+use railbus_api::fleet::FleetCommandEnd;
 use railbus_fleet::message::ApiAnswer;
 use serde_json::{Value, json};
 use std::net::{IpAddr, Ipv4Addr};
@@ -45,7 +45,7 @@ impl Here {
             while let Some(call) = asked.recv().await {
                 match call {
                     HubCall::Commands(to) => {
-                        let (schema, open, commands) = (1, 0, Vec::new());
+                        let (schema, open, commands) = (1, 0, vec![refused()]);
                         let _ = to.send(FleetCommands {
                             schema,
                             open,
@@ -60,7 +60,7 @@ impl Here {
                     HubCall::Way(site, to) => {
                         let _ = to.send(Err(command::offline(&site)));
                     }
-                    HubCall::Sites(_) | HubCall::Site(..) => {}
+                    HubCall::Sites(..) | HubCall::Site(..) => {}
                 }
             }
         });
@@ -138,6 +138,25 @@ async fn json_of(answer: Response<Body>) -> Value {
     serde_json::from_slice(&body).unwrap_or_default()
 }
 
+/// A command that a site has refused.
+fn refused() -> FleetCommand {
+    let text = str::to_owned;
+    FleetCommand {
+        site: text("plant7"),
+        id: text("a-1"),
+        user: text("li"),
+        at: text("2026-11-29T08:00:00Z"),
+        method: text("PUT"),
+        path: text("/api/v1/points/oven/k1"),
+        body: String::new(),
+        end: FleetCommandEnd {
+            how: Some(text("answered")),
+            code: Some(text("E0906")),
+            ..FleetCommandEnd::default()
+        },
+    }
+}
+
 impl Drop for Here {
     fn drop(&mut self) {
         let _ = std::fs::remove_dir_all(&self.folder);
@@ -186,6 +205,12 @@ async fn over_tcp_each_may_what_his_role_permits() {
         ("/fleet/v1/accounts", "GET", ["E0110"; 5]),
         ("/api/v1/setup-link", "POST", ["E0110"; 5]),
         ("/api/v1/setup", "POST", ["E0806"; 5]),
+        ("/fleet/v1/openapi.json", "GET", [""; 5]),
+        (
+            "/fleet/v1/sites?state=away",
+            "GET",
+            ["E0902", "E0806", "E0806", "E0806", "E0806"],
+        ),
         ("/s/plant7/api/v1/session", "GET", [""; 5]),
         ("/s/plant7/api/v1/session", "PUT", ["E0110"; 5]),
         (
@@ -418,4 +443,23 @@ async fn the_first_user_comes_by_a_link() {
         .send(false, ("POST", "/api/v1/setup-link"), &[], "")
         .await;
     assert_eq!(link.status(), StatusCode::CONFLICT);
+}
+
+#[tokio::test]
+async fn the_code_of_a_command_has_a_title_in_the_language_of_the_request() {
+    let here = Here::new("titles");
+    let commands = ("GET", "/fleet/v1/commands");
+    let mut titles = Vec::new();
+    for headers in [
+        &[][..],
+        &[("accept-language", "en")],
+        &[("accept-language", "zh")],
+    ] {
+        let told = json_of(here.send(false, commands, headers, "").await).await;
+        assert_eq!(told["commands"][0]["code"], "E0906");
+        titles.push(told["commands"][0]["title"].clone());
+    }
+    assert_eq!(titles[0], Value::Null);
+    let page = Code::from_name("E0906").unwrap().page();
+    assert_eq!(titles[1..], [page.title(Lang::En), page.title(Lang::Zh)]);
 }

@@ -10,17 +10,16 @@ use railbus_app::failure::Failure;
 use railbus_app::socket;
 use railbus_app::texts::AppText;
 use railbus_client::HubClient;
+use railbus_fleet::COPY_GONE;
 use railbus_words::{Lang, time};
 use std::os::unix::net::UnixStream;
+use std::time::Duration;
 
 /// So many sites are named in a finding.
 const NAMED_MAX: usize = 5;
 /// Clocks that differ by more are reported, in milliseconds. A slow connection delays heartbeats by
 /// ten seconds and more.
 const CLOCKS_DIFFER_MS: u64 = 30_000;
-/// A second machine asks for the session every five minutes. One that has not asked for longer than
-/// this, in milliseconds, is gone.
-const COPY_GONE_MS: u64 = 600_000;
 
 /// The findings about the fleet; none without a centre on this machine.
 pub(super) async fn check(context: &Context, now_s: u64) -> Vec<Finding> {
@@ -83,7 +82,9 @@ fn of_sites(lang: Lang, socket: &str, told: &FleetSites, now_s: u64) -> Vec<Find
         (own.connected && !is_away && !site.current).then(String::new)
     };
     let copied = |site: &FleetSite| {
-        let asked = site.duplicate_ms.filter(|ms| *ms < COPY_GONE_MS);
+        let asked = site
+            .duplicate_ms
+            .filter(|ms| Duration::from_millis(*ms) < COPY_GONE);
         asked.map(|ms| ago(lang, ms))
     };
     let clock = |site: &FleetSite| {
@@ -140,7 +141,7 @@ fn sites(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use railbus_api::fleet::HubConnection;
+    use railbus_api::fleet::{FleetCounts, HubConnection};
     use railbus_api::problem::codes;
 
     /// 2026-11-29.
@@ -159,6 +160,7 @@ mod tests {
             version: "0.1.0".to_owned(),
             key_until: Some("2027-02-20T00:00:00Z".to_owned()),
             duplicate_ms: None,
+            attention: Vec::new(),
         }
     }
 
@@ -170,6 +172,8 @@ mod tests {
                 error: None,
                 unreadable: 0,
             },
+            total: sites.len(),
+            counts: FleetCounts::default(),
             sites,
         }
     }
@@ -264,7 +268,7 @@ mod tests {
     #[test]
     fn what_is_over_or_small_is_not_reported() {
         let gone = FleetSite {
-            duplicate_ms: Some(COPY_GONE_MS),
+            duplicate_ms: Some(600_000),
             clock_ahead_ms: Some(30_000),
             ..well("plant1")
         };

@@ -49,7 +49,7 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
             one.site.clone(),
             what(lang, one),
             one.user.clone(),
-            result(lang, one.end.as_ref()),
+            result(lang, &one.end),
         ]);
     }
     let shown = Records {
@@ -123,8 +123,8 @@ fn what(lang: Lang, command: &FleetCommand) -> String {
 }
 
 /// Its result.
-fn result(lang: Lang, end: Option<&FleetCommandEnd>) -> String {
-    let Some(end) = end else {
+fn result(lang: Lang, end: &FleetCommandEnd) -> String {
+    let Some(how) = &end.how else {
         return lang.get(FleetText::NoEndYet).to_owned();
     };
     let code = end.code.as_deref().unwrap_or_default();
@@ -132,7 +132,7 @@ fn result(lang: Lang, end: Option<&FleetCommandEnd>) -> String {
         .map(|code| code.page().title(lang))
         .unwrap_or_default();
     let why = format!("{code} {title}");
-    match (end.how.as_str(), code) {
+    match (how.as_str(), code) {
         ("answered", "") => match end.confirmed.as_deref() {
             Some("sent") => lang.get(FleetText::SentOnly).to_owned(),
             _ => lang.get(FleetText::Done).to_owned(),

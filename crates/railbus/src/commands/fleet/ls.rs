@@ -10,14 +10,11 @@ use railbus_app::render::out;
 use railbus_app::render::records::Records;
 use railbus_app::render::table::Table;
 use railbus_app::texts::AppText;
-use railbus_fleet::KEY_ENDS_SOON_S;
+use railbus_fleet::{CLOCK_OFF_MS, KEY_ENDS_SOON_S};
 use railbus_words::{Lang, time};
 
 /// The name of the command.
 pub(super) const NAME: &str = "ls";
-
-/// A clock that is off by more than this is said to be, in milliseconds.
-const CLOCK_OFF_MS: u64 = 2_000;
 
 /// Its parser and help.
 pub(super) fn define(lang: Lang) -> Command {

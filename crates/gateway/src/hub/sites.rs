@@ -1,0 +1,136 @@
+//! The list of sites: which of them are wanted, and how many there are.
+
+use super::view::{SCHEMA, site};
+use crate::events::unreadable;
+use railbus_api::fleet::{FleetCounts, FleetSites, HubConnection};
+use railbus_api::problem::{Problem, codes};
+use railbus_fleet::centre::{Centre, SitePresence, SiteView};
+use railbus_fleet::ledger::Ledger;
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// The longest search, in bytes, and the most words of it.
+const SEARCH_MAX: usize = 256;
+const WORDS_MAX: usize = 8;
+
+/// The parameters, with descriptions.
+pub(super) const QUERY: &[(&str, &str)] = &[
+    (
+        "search",
+        "words, all of which are found in its name, its version or the paths of its points",
+    ),
+    (
+        "state",
+        "online, offline, unknown, or attention: somebody should look at it",
+    ),
+    ("limit", "how many are listed; all where it is not said"),
+    ("offset", "how many are left out before these"),
+];
+
+/// Which sites are wanted.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(super) struct SitesWanted {
+    /// In lower case.
+    words: Vec<String>,
+    state: Option<StateWanted>,
+    limit: Option<usize>,
+    offset: usize,
+}
+
+/// The state of the sites that are wanted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum StateWanted {
+    Online,
+    Offline,
+    Unknown,
+    Attention,
+}
+
+impl SitesWanted {
+    /// Those of these parameters.
+    ///
+    /// # Errors
+    /// [`codes::BAD_REQUEST`] if one can't be read.
+    pub(super) fn of(asked: &BTreeMap<String, String>) -> Result<SitesWanted, Problem> {
+        let number = |key: &str| {
+            let text = asked.get(key).map(|text| text.parse::<usize>());
+            text.transpose().map_err(|_| unreadable(key))
+        };
+        let search = asked.get("search").map_or("", String::as_str);
+        let words: Vec<_> = search.split_whitespace().map(str::to_lowercase).collect();
+        if search.len() > SEARCH_MAX || words.len() > WORDS_MAX {
+            let reason = "a search has at most 256 bytes and 8 words";
+            return Err(Problem::new(codes::BAD_REQUEST).with("reason", reason));
+        }
+        let state = match asked.get("state").map(String::as_str) {
+            None => None,
+            Some("online") => Some(StateWanted::Online),
+            Some("offline") => Some(StateWanted::Offline),
+            Some("unknown") => Some(StateWanted::Unknown),
+            Some("attention") => Some(StateWanted::Attention),
+            Some(_) => return Err(unreadable("state")),
+        };
+        Ok(SitesWanted {
+            words,
+            state,
+            limit: number("limit")?,
+            offset: number("offset")?.unwrap_or_default(),
+        })
+    }
+
+    fn takes(&self, view: &SiteView<'_>, has_attention: bool) -> bool {
+        let is_so = match self.state {
+            None => true,
+            Some(StateWanted::Online) => view.presence == SitePresence::Online,
+            Some(StateWanted::Offline) => view.presence == SitePresence::Offline,
+            Some(StateWanted::Unknown) => view.presence == SitePresence::Unknown,
+            Some(StateWanted::Attention) => has_attention,
+        };
+        is_so && view.has_words(&self.words)
+    }
+}
+
+/// The sites that are wanted, at this time since the start, and in seconds since 1970.
+pub(super) fn sites(
+    (centre, ledger): (&Centre, &Ledger),
+    wanted: &SitesWanted,
+    (now, clock_s): (Duration, i64),
+    error: Option<Problem>,
+) -> FleetSites {
+    let mut told = FleetSites {
+        schema: SCHEMA,
+        connection: HubConnection {
+            connected: centre.is_connected(),
+            error,
+            unreadable: centre.unreadable().saturating_add(ledger.unreadable()),
+        },
+        total: 0,
+        counts: FleetCounts::default(),
+        sites: Vec::new(),
+    };
+    let end = wanted
+        .limit
+        .map(|limit| wanted.offset.saturating_add(limit));
+    for view in centre.sites(now) {
+        let has_attention = view.attention(clock_s).next().is_some();
+        let counts = &mut told.counts;
+        counts.all += 1;
+        counts.attention += usize::from(has_attention);
+        match view.presence {
+            SitePresence::Online => counts.online += 1,
+            SitePresence::Offline => counts.offline += 1,
+            SitePresence::Unknown => counts.unknown += 1,
+        }
+        if !wanted.takes(&view, has_attention) {
+            continue;
+        }
+        if told.total >= wanted.offset && end.is_none_or(|end| told.total < end) {
+            told.sites.push(site(&view, clock_s));
+        }
+        told.total += 1;
+    }
+    told
+}
+
+#[cfg(test)]
+mod tests;
