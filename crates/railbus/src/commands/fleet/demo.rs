@@ -134,13 +134,13 @@ impl DemoFleet<'_> {
     async fn stand(&mut self, server: &Path) -> Result<(), Failure> {
         let standing = async {
             let node = self.serve_nats(server)?;
-            self.serve_centre()?;
+            let centre = self.serve_centre().await?;
             let mut sites = Vec::new();
             for (site, write) in SITES {
                 sites.push((site, self.site(site, write).await?));
             }
             self.all_online().await?;
-            self.say(&node, &sites)
+            self.say(&node, &centre, &sites)
         };
         match timeout(PATIENCE, standing).await {
             Ok(end) => end,
@@ -186,24 +186,20 @@ impl DemoFleet<'_> {
         Ok(node)
     }
 
-    fn serve_centre(&mut self) -> Result<(), Failure> {
+    /// Starts the centre; the link to its pages.
+    async fn serve_centre(&mut self) -> Result<String, Failure> {
         let mut program = self.own()?;
         program.args(["fleet", "serve"]).arg(self.fleet());
+        program.args(["--listen", "127.0.0.1:0"]);
         if let Some(socket) = self.named {
             program.arg("--socket").arg(socket);
         }
-        let lang = self.context.lang;
-        let started = self.start(CENTRE, program, false);
-        started.map_err(|error| system(lang, error))?;
-        Ok(())
+        self.start_pages(CENTRE, program).await
     }
 
-    /// Starts a site, which joins; the link to its pages.
-    async fn site(&mut self, name: &str, write: &[&str]) -> Result<String, Failure> {
-        let (lang, socket) = (self.context.lang, self.folder.join(name));
-        let mut program = self.own()?;
-        program.args(["serve", "--demo", "--listen", "127.0.0.1:0", "--socket"]);
-        program.arg(&socket);
+    /// Starts a process that has pages; the link to them.
+    async fn start_pages(&mut self, name: &str, program: Program) -> Result<String, Failure> {
+        let lang = self.context.lang;
         let said = self
             .start(name, program, true)
             .map_err(|error| system(lang, error))?;
@@ -227,6 +223,16 @@ impl DemoFleet<'_> {
             // What it says later is of no interest, but it must not have to wait.
             tokio::spawn(async move { while let Ok(Some(_)) = lines.next_line().await {} });
         }
+        Ok(pages)
+    }
+
+    /// Starts a site, which joins; the link to its pages.
+    async fn site(&mut self, name: &str, write: &[&str]) -> Result<String, Failure> {
+        let (lang, socket) = (self.context.lang, self.folder.join(name));
+        let mut program = self.own()?;
+        program.args(["serve", "--demo", "--listen", "127.0.0.1:0", "--socket"]);
+        program.arg(&socket);
+        let pages = self.start_pages(name, program).await?;
         let invitation = enrol::invitation(lang, &self.fleet(), name, HOURS)?
             .0
             .text();
@@ -280,7 +286,12 @@ impl DemoFleet<'_> {
     }
 
     /// Says what there is, and what can be tried.
-    fn say(&self, node: &NodeAddress, sites: &[(&str, String)]) -> Result<(), Failure> {
+    fn say(
+        &self,
+        node: &NodeAddress,
+        centre: &str,
+        sites: &[(&str, String)],
+    ) -> Result<(), Failure> {
         let lang = self.context.lang;
         let rows = || {
             let row = |(site, pages): &(&str, String)| json!({ "site": site, "pages": pages });
@@ -288,7 +299,8 @@ impl DemoFleet<'_> {
         };
         let text = match self.context.format {
             Format::Json | Format::Ndjson => {
-                records::line(json!({ "server": node.to_string(), "sites": rows() }))
+                let server = node.to_string();
+                records::line(json!({ "server": server, "centre": centre, "sites": rows() }))
             }
             _ => {
                 let all = sites.iter();
@@ -299,6 +311,7 @@ impl DemoFleet<'_> {
                     .map(|path| format!(" --socket {}", path.display()));
                 let values: &[(&str, &dyn std::fmt::Display)] = &[
                     ("server", node),
+                    ("centre", &centre),
                     ("sites", &all.collect::<String>()),
                     ("socket", &socket.unwrap_or_default()),
                 ];

@@ -94,7 +94,8 @@ railbus_words::texts! {
     }
     DemoTitle { en: "a fleet of three simulated sites", zh: "三个仿真站点组成的站群" }
     DemoSays {
-        en: "  server    {server}
+        en: "  centre    {centre}   all sites
+  server    {server}
 {sites}  (one-time links, 15 min)
 try in another terminal:
   railbus fleet ls{socket}
@@ -102,7 +103,8 @@ try in another terminal:
   railbus set -s plant2 oven.k3 on{socket}
   railbus fleet commands{socket}
 press Ctrl-C to stop",
-        zh: "  server    {server}
+        zh: "  centre    {centre}   所有站点
+  server    {server}
 {sites}  （一次性链接，15 分钟内有效）
 可在另一终端尝试：
   railbus fleet ls{socket}
