@@ -194,9 +194,9 @@ press Ctrl-C to stop",
         zh: "运行站群中心：接纳各站点并掌握其状态。ls 和 get 命令通过仅限其用户访问的套接字向它查询。",
     }
     Listen {
-        en: "Listen here, too, for programs with a token or a user of the centre; for other \
+        en: "Listen here, too, for browsers, and programs with a token of the centre; for other \
             machines TLS and a user are required",
-        zh: "同时在此监听网络；向其他机器开放须有 TLS 和用户",
+        zh: "同时在此监听网络，提供网页和 API；向其他机器开放须有 TLS 和用户",
     }
     Ls { en: "List the sites of the fleet.", zh: "列出站群的站点。" }
     Get { en: "Show the points of a site, as the centre knows them.", zh: "显示中心所知的站点点位。" }
