@@ -4,13 +4,15 @@
 //! # Where things are
 //! - What is decided, without I/O: `railbus_fleet::centre` and `railbus_fleet::ledger`. What drives
 //!   it: `driver`. Its connection, and the streams of its servers: `link`. What it tells:
-//!   `routes`, `view`, `sites`. What sites tell through it: `site_api`. What they are told to do:
-//!   `command`. Keys that it issues: `keys`. Keys that are let in no longer: `revoke`.
+//!   `routes`, `view`, `sites`; its pages: `pages`. What sites tell through it: `site_api`. What
+//!   they are told to do: `command`. Keys that it issues: `keys`. Keys that are let in no longer:
+//!   `revoke`.
 
 mod command;
 mod driver;
 mod keys;
 mod link;
+mod pages;
 mod revoke;
 mod routes;
 mod site_api;

@@ -48,7 +48,7 @@ pub(super) enum RouteHandler {
     Site(fn() -> MethodRouter<Site>),
     /// Only accounts, which other programs than a site have, too.
     Accounts(fn() -> MethodRouter<AccountsApi>),
-    /// The centre of a fleet.
+    /// The centre of many sites.
     #[cfg(feature = "fleet")]
     Hub(fn() -> MethodRouter<HubApi>),
 }
@@ -86,7 +86,7 @@ impl Route {
         Route::with((method, path), need, RouteHandler::Accounts(handler))
     }
 
-    /// One of the centre of a fleet.
+    /// One of the centre of many sites.
     #[cfg(feature = "fleet")]
     pub(super) const fn of_hub(
         method: &'static str,

@@ -49,40 +49,15 @@ pub(super) async fn page(
     if is_api || !matches!(method, Method::GET | Method::HEAD) {
         return answer::problem(&Problem::new(codes::NO_SUCH_PAGE));
     }
-    let answer = served(path, &headers, &built);
-    let commands = ["railbus ls", "railbus watch"];
-    answer.unwrap_or_else(|| missing(language::spoken(&headers, site.lang), commands))
+    shown(path, (&headers, site.lang), ["railbus ls", "railbus watch"])
 }
 
-/// The same at the centre of a fleet, which has pages of its own and those of each site.
-#[cfg(feature = "fleet")]
-pub(super) fn fleet_page(lang: Lang, method: &Method, uri: &Uri, headers: &HeaderMap) -> Answer {
-    let found = of_fleet(uri.path().trim_start_matches('/'));
-    let Some(path) = found.filter(|_| matches!(*method, Method::GET | Method::HEAD)) else {
-        return answer::problem(&Problem::new(codes::NO_SUCH_PAGE));
-    };
+/// A file of this build, or the page for any other path. If it was built without pages, why there
+/// are none, and which commands work all the same.
+pub(super) fn shown(path: &str, (headers, lang): (&HeaderMap, Lang), works: [&str; 2]) -> Answer {
+    let built = |name: &str| Dist::get(name).map(|file| file.data);
     let answer = served(path, headers, &built);
-    let commands = ["railbus fleet ls", "railbus fleet commands"];
-    answer.unwrap_or_else(|| missing(language::spoken(headers, lang), commands))
-}
-
-/// The file that stands for a path at the centre; none if it is one of an API.
-#[cfg(feature = "fleet")]
-fn of_fleet(path: &str) -> Option<&str> {
-    let (first, rest) = path.split_once('/').unwrap_or((path, ""));
-    let (site, below) = rest.split_once('/').unwrap_or((rest, ""));
-    match first {
-        "api" | "fleet" => None,
-        "s" if below == "api" || below.starts_with("api/") => None,
-        // Its files are those of the centre, at the top.
-        "s" if !site.is_empty() => Some(""),
-        _ => Some(path),
-    }
-}
-
-/// A file of this build.
-fn built(name: &str) -> Option<Cow<'static, [u8]>> {
-    Dist::get(name).map(|file| file.data)
+    answer.unwrap_or_else(|| missing(language::spoken(headers, lang), works))
 }
 
 /// A file, or the page for any other path; none if the program was built without it.
@@ -261,32 +236,6 @@ mod tests {
         assert_eq!(gone.status(), StatusCode::NOT_FOUND, "of an older build");
     }
 
-    #[cfg(feature = "fleet")]
-    #[test]
-    fn at_a_centre_every_address_but_those_of_apis_is_the_page() {
-        for (path, wanted) in [
-            ("", Some("")),
-            ("sites", Some("sites")),
-            ("icon.svg", Some("icon.svg")),
-            ("s", Some("s")),
-            ("s/", Some("s/")),
-            ("s/plant7", Some("")),
-            ("s/plant7/", Some("")),
-            ("s/plant7/module/oven", Some("")),
-            ("s/plant7/apis", Some("")),
-            ("s/plant7/icon.svg", Some("")),
-            ("s/plant7/api", None),
-            ("s/plant7/api/", None),
-            ("s/plant7/api/v1/points", None),
-            ("api", None),
-            ("api/v1/points", None),
-            ("fleet", None),
-            ("fleet/v1/none", None),
-        ] {
-            assert_eq!(of_fleet(path), wanted, "{path}");
-        }
-    }
-
     #[tokio::test]
     async fn without_pages_it_is_said_what_to_do() {
         let nothing = |_: &str| None;
@@ -300,9 +249,9 @@ mod tests {
             let value = HeaderValue::from_str(asked).unwrap();
             let headers = [(ACCEPT_LANGUAGE, value)].into_iter().collect();
             let lang = language::spoken(&headers, lang);
-            let page = body(missing(lang, ["railbus fleet ls", "railbus fleet get"])).await;
+            let page = body(missing(lang, ["railbus ls", "railbus watch"])).await;
             assert!(page.contains(word), "{asked}: {page}");
-            assert!(page.contains("cargo xtask demo") && page.contains("railbus fleet get"));
+            assert!(page.contains("cargo xtask demo") && page.contains("railbus watch"));
         }
     }
 

@@ -13,7 +13,7 @@ use std::sync::Arc;
 pub(crate) enum AccountsPlace {
     /// The site that has them.
     Site,
-    /// The centre of a fleet that has them.
+    /// The centre of many sites that has them.
     #[cfg(feature = "fleet")]
     Centre,
     /// A far site: they are those of its centre.
@@ -44,7 +44,7 @@ pub(crate) struct AccountsApi {
 }
 
 impl AccountsPlace {
-    /// Whether it is the centre of a fleet.
+    /// Whether it is the centre of many sites.
     pub(super) const fn is_centre(self) -> bool {
         match self {
             #[cfg(feature = "fleet")]
@@ -69,8 +69,8 @@ impl AccountsApi {
     }
 }
 
-/// The accounts as a request asks for them: at the centre of a fleet, `/s/plant7/…` asks for what
-/// they are at the site of that name.
+/// The accounts as a request asks for them: at the centre of many sites, `/s/plant7/…` asks for
+/// what they are at the site of that name.
 impl FromRequestParts<AccountsApi> for AccountsApi {
     type Rejection = Infallible;
 

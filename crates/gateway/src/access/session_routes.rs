@@ -90,7 +90,7 @@ struct SessionTold {
     #[schema(required)]
     csrf: Option<String>,
     demo: bool,
-    /// It is the centre of a fleet that answers, about itself and not about one of its sites.
+    /// It is the centre of many sites that answers, about itself and not about one of its sites.
     centre: bool,
     /// Some of its lines are simulated here, and can be controlled.
     simulated: bool,

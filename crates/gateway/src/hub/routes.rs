@@ -2,6 +2,7 @@
 
 use super::command::{self, GivenCommand};
 use super::driver::HubCall;
+use super::pages;
 use super::site_api;
 use super::sites::SitesWanted;
 use super::view::SCHEMA;
@@ -138,7 +139,7 @@ pub(super) fn router(lang: Lang, calls: Calls, audience: HubAudience<'_>) -> Rou
         // The socket is for programs, which would take a page for an answer.
         false => router.route("/style.css", get(web::style)).fallback(
             async move |method: Method, uri: Uri, headers: HeaderMap| {
-                web::fleet_page(lang, &method, &uri, &headers)
+                pages::page(lang, &method, &uri, &headers)
             },
         ),
     };
