@@ -1,9 +1,9 @@
-// Writes the types of the API to `generated/`, from the OpenAPI document of the built program:
+// Writes the types of both APIs to `generated/`, from the OpenAPI documents of the built program:
 // for the type check, and for editors.
 import { mkdirSync, writeFileSync } from "node:fs";
 import { fileURLToPath } from "node:url";
 import openapi, { astToString } from "openapi-typescript";
-import { serve } from "../tests/daemon.js";
+import { serve, serveCentre } from "../tests/daemon.js";
 
 const folder = new URL("../generated/", import.meta.url);
 
@@ -23,15 +23,20 @@ function strict({ properties = {}, required = [], ...schema }) {
   return { ...schema, ...parts, ...(each.length && { properties: Object.fromEntries(each) }), required };
 }
 
-const daemon = await serve();
-try {
-  const document = await (await fetch(`${daemon.origin}/api/v1/openapi.json`)).json();
-  const schemas = Object.fromEntries(Object.entries(document.components.schemas).map(([name, of]) => [name, strict(of)]));
-  // Pages name their addresses themselves: only the values are of use to them.
-  const types = await openapi({ ...document, paths: {}, components: { schemas } }, { arrayLength: true, defaultNonNullable: false });
-  mkdirSync(folder, { recursive: true });
-  writeFileSync(new URL("openapi.d.ts", folder), astToString(types));
-  console.log(`${fileURLToPath(folder)}openapi.d.ts: ${Object.keys(schemas).length} types`);
-} finally {
-  await daemon.stop();
+/** Writes the types of a program's API. */
+async function write(name, program, path) {
+  try {
+    const document = await (await fetch(program.origin + path)).json();
+    const schemas = Object.fromEntries(Object.entries(document.components.schemas).map(([name, of]) => [name, strict(of)]));
+    // Pages name their addresses themselves: only the values are of use to them.
+    const types = await openapi({ ...document, paths: {}, components: { schemas } }, { arrayLength: true, defaultNonNullable: false });
+    writeFileSync(new URL(name, folder), astToString(types));
+    console.log(`${fileURLToPath(folder)}${name}: ${Object.keys(schemas).length} types`);
+  } finally {
+    await program.stop();
+  }
 }
+
+mkdirSync(folder, { recursive: true });
+await write("openapi.d.ts", await serve(), "/api/v1/openapi.json");
+await write("fleet.d.ts", await serveCentre(), "/fleet/v1/openapi.json");

@@ -1,7 +1,7 @@
 // The real daemon with its demo line, and a real browser in front of it.
 import assert from "node:assert/strict";
-import { spawn } from "node:child_process";
-import { mkdtempSync, readFileSync, rmSync } from "node:fs";
+import { spawn, spawnSync } from "node:child_process";
+import { existsSync, mkdtempSync, readdirSync, readFileSync, rmSync } from "node:fs";
 import { request } from "node:http";
 import { createRequire } from "node:module";
 import { tmpdir } from "node:os";
@@ -47,6 +47,79 @@ export async function serve() {
         });
         asks.end(body && JSON.stringify(body));
       }),
+    async stop() {
+      child.kill("SIGTERM");
+      await ended;
+      rmSync(folder, { recursive: true, force: true });
+    },
+  };
+}
+
+/** The centre of a fleet that has neither servers nor sites. */
+export async function serveCentre() {
+  const folder = mkdtempSync(join(tmpdir(), "railbus-web-"));
+  const fleet = join(folder, "acme");
+  const env = { ...process.env, LANG: "C.UTF-8", RAILBUS_LANG: "en" };
+  const made = spawnSync(built, ["fleet", "init", fleet, "--nats", "127.0.0.1:1"], { env });
+  assert.equal(made.status, 0, String(made.stderr));
+  const args = ["fleet", "serve", fleet, "--listen", "127.0.0.1:0", "--socket", join(folder, "socket")];
+  const child = spawn(built, args, { env, stdio: ["ignore", "pipe", "inherit"] });
+  const ended = new Promise((resolve) => child.once("exit", resolve));
+  let link;
+  for await (const line of createInterface({ input: child.stdout })) {
+    link ??= /^\s*setup\s+(https?:\/\/\S+)/.exec(line)?.[1];
+    if (line.includes("Ctrl-C")) break;
+  }
+  if (!link) throw new Error("the centre printed no link");
+  child.stdout.resume();
+  return {
+    link,
+    origin: new URL(link).origin,
+    async stop() {
+      child.kill("SIGTERM");
+      await ended;
+      rmSync(folder, { recursive: true, force: true });
+    },
+  };
+}
+
+/** The server of a fleet: installed with the other peers, or the one on the PATH. */
+const nats = join(root, "target/interop-venv/bin/nats-server");
+
+/** `railbus fleet demo`: a server, a centre and three sites; the link to set up the centre. */
+export async function serveFleet() {
+  const folder = mkdtempSync(join(tmpdir(), "railbus-web-"));
+  const server = ["--nats-server", existsSync(nats) ? nats : "nats-server"];
+  const args = ["fleet", "demo", "--socket", join(folder, "socket"), "--output", "json", ...server];
+  const env = { ...process.env, LANG: "C.UTF-8", RAILBUS_LANG: "en" };
+  const child = spawn(built, args, { env, stdio: ["ignore", "pipe", "inherit"] });
+  const ended = new Promise((resolve) => child.once("exit", resolve));
+  const lines = createInterface({ input: child.stdout });
+  const said = await Promise.race([new Promise((resolve) => lines.once("line", resolve)), ended]);
+  if (typeof said !== "string") throw new Error("the demo of a fleet ended");
+  const link = JSON.parse(said).centre;
+  /** The processes of the demo, by a word of their command line. */
+  const processes = (word) =>
+    readdirSync("/proc").filter((pid) => {
+      try {
+        // The fourth field of its state is its parent; its name may contain anything but the last bracket.
+        const parent = readFileSync(`/proc/${pid}/stat`, "utf8").split(") ").at(-1).split(" ")[1];
+        return parent === String(child.pid) && readFileSync(`/proc/${pid}/cmdline`, "utf8").includes(word);
+      } catch {
+        return false;
+      }
+    });
+  const signal = (word, name) => {
+    const pids = processes(word);
+    assert.equal(pids.length, 1, `one process with ${word}`);
+    process.kill(Number(pids[0]), name);
+  };
+  return {
+    link,
+    origin: new URL(link).origin,
+    /** Suspends a process of it, as if its machine were gone. */
+    suspend: (word) => signal(word, "SIGSTOP"),
+    resume: (word) => signal(word, "SIGCONT"),
     async stop() {
       child.kill("SIGTERM");
       await ended;

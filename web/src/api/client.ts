@@ -1,13 +1,13 @@
 // The client of the daemon's API. A request that fails throws an `ApiError` with its problem.
-import { hrefOf } from "./base";
+import { farSite, hrefOf } from "./base";
 import { language, t } from "../i18n/index.svelte";
 import type { Problem } from "./types";
 
 const BASE = "/api/v1";
 /** The API of a centre, whose routes are given with it. */
 const FLEET = "/fleet/v1";
-/** How long a request may take before it is aborted. */
-const TIMEOUT_MS = 15_000;
+/** How long a request may take before it is aborted; a centre itself waits 25 s for a site. */
+const TIMEOUT_MS = farSite === null ? 15_000 : 30_000;
 
 export class ApiError extends Error {
   constructor(readonly problem: Problem) {
@@ -68,9 +68,13 @@ async function request(
   throw new ApiError(problem);
 }
 
+/** A right that is missing. What is missing at a far site is granted there, to its centre. */
+const NO_RIGHT = ["E0905", "E0906"];
+
 async function problemIn(response: Response): Promise<Problem> {
   try {
-    return (await response.json()) as Problem;
+    const problem = (await response.json()) as Problem;
+    return farSite && NO_RIGHT.includes(problem.code) ? { ...problem, help: [t("far_grants")] } : problem;
   } catch {
     const { status } = response;
     return { code: "", title: t("failed", { status }), status };

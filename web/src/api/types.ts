@@ -1,14 +1,22 @@
 // The types of the API, under the names that the pages use. They are generated from the OpenAPI
 // document of the program (`npm run types`, docs/decisions/0032); a build only erases them.
 import type { Names } from "../i18n/index.svelte";
+import type { components as OfCentre } from "../../generated/fleet";
 import type { components } from "../../generated/openapi";
 
 type Schemas = components["schemas"];
+type FleetSchemas = OfCentre["schemas"];
 
 export type ActionText = Schemas["ActionText"];
 export type AuditEntry = Schemas["AuditInfo"];
 export type BatchAnswer = Schemas["BatchAnswer"];
 export type EventKind = Schemas["EventKind"];
+export type FleetCommand = FleetSchemas["FleetCommand"];
+export type FleetCommands = FleetSchemas["FleetCommands"];
+export type FleetPoint = FleetSchemas["FleetPoint"];
+export type FleetSite = FleetSchemas["FleetSite"];
+export type FleetSitePoints = FleetSchemas["FleetSitePoints"];
+export type FleetSites = FleetSchemas["FleetSites"];
 export type Found = Schemas["ScanModule"];
 export type GroupInfo = Schemas["GroupInfo"];
 export type HistoryInfo = Schemas["HistoryInfo"];
@@ -30,7 +38,7 @@ export type ScanRequest = Schemas["ScanRequest"];
 export type SceneInfo = Schemas["SceneInfo"];
 export type SendAnswer = Schemas["SendAnswer"];
 export type SendPlan = Schemas["SendPlan"];
-export type Session = Schemas["SessionTold"];
+export type Session = Schemas["SessionTold"] & { centre?: boolean };
 export type SessionInfo = Schemas["SessionInfo"];
 export type Setting = Schemas["Setting"];
 export type Settings = Schemas["Settings"];

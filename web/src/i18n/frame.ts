@@ -16,6 +16,15 @@ export const frame = {
   nav_system: ["System", "系统"],
   nav_integrations: ["Integrations", "集成"],
   nav_trends: ["Trends", "趋势"],
+  far_grants: [
+    "What its centre may switch is set at the site: “write” of its integration.",
+    "中心可以操作哪些点位由站点设定：站点集成中的 write。",
+  ],
+  far_lost: [
+    "No answer from {site} since {at}. What is shown is from then. Retrying…",
+    "{at} 起 {site} 无应答，显示的是当时的数据。正在重试…",
+  ],
+  far_known: ["What the centre knows of it", "中心所知的情况"],
   far_sites: ["All sites", "全部站点"],
   more: ["More", "更多"],
   to_content: ["Skip to content", "跳到正文"],

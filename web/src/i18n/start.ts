@@ -15,7 +15,7 @@ export const start = {
   password_changed: ["Password changed", "密码已修改"],
   password_rule: ["At least {n} characters", "至少 {n} 个字符"],
   password_show: ["Show the password", "显示密码"],
-  setup_is_done: ["This site is set up. Sign in to use it.", "此站点已完成设置，请登录使用。"],
+  setup_is_done: ["This is set up already. Sign in to use it.", "已完成设置，请登录使用。"],
   setup_steps: ["Steps", "步骤"],
   step_language: ["Language", "语言"],
   step_password: ["Password", "密码"],

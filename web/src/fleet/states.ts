@@ -1,0 +1,95 @@
+// Sites, their points and commands to them in words.
+import { joinList, t, textOr, withDetail } from "../i18n/index.svelte";
+import { span } from "../lib/format";
+import { isHeard } from "./fleet.svelte";
+import type { FleetCommand, FleetPoint, FleetSite } from "../api/types";
+
+/** What was asked, and when it was answered by the clock of this browser. */
+export interface Heard<T> {
+  data: T;
+  at: number;
+}
+
+/** How long ago something was that was `ms` ago when it was told. */
+export const agoText = (ms: number, since: number): string =>
+  t("fleet_ago", { time: span(Math.max(0, Math.round((ms + since) / 1_000)) * 1_000) });
+
+/** How a site is: the kind of its tag, and its word. Nothing is green that was not heard just now. */
+export function presence(site: FleetSite): { kind: "good" | "bad" | "past"; text: string } {
+  if (!isHeard() || site.presence === "unknown") return { kind: "past", text: t("fleet_is_unknown") };
+  if (site.presence === "online") return { kind: "good", text: t("fleet_is_online") };
+  return { kind: "bad", text: t("fleet_is_offline") };
+}
+
+/** Whether its values are as they are shown. */
+export function valuesText(site: FleetSite): string {
+  if (isHeard() && site.current) return t("fleet_current");
+  if (site.points === 0) return t("fleet_empty");
+  return t("fleet_old");
+}
+
+export const reasons = (site: FleetSite): string => joinList((site.attention ?? []).map((why) => textOr(`fleet_why_${why}`, why)));
+
+export function clockText(ahead: number): string {
+  const time = span(Math.abs(ahead));
+  if (Math.abs(ahead) < 1_000) return t("fleet_clock_right");
+  return ahead > 0 ? t("fleet_clock_ahead", { time }) : t("fleet_clock_behind", { time });
+}
+
+export function pointValue({ value, quality }: FleetPoint): string {
+  if (value === undefined || value === null) return "?";
+  const text = typeof value === "boolean" ? t(value ? "on" : "off") : String(value);
+  return quality === "good" && isHeard() ? text : t("was", { value: text });
+}
+
+/** The quality of a point and why, in words. */
+export function qualityText({ quality, reason }: FleetPoint): string {
+  if (!isHeard()) return t("unknown");
+  if (quality === "good") return t("fleet_good");
+  const word = quality === "stale" ? t("quality_stale") : t("fleet_bad");
+  if (!reason) return word;
+  return withDetail(word, textOr(`fleet_r_${reason}`, textOr(`reason_${reason}`, reason)));
+}
+
+const onOff = (value: unknown): string => (typeof value === "boolean" ? t(value ? "on" : "off") : String(value ?? ""));
+
+/** A command, as a technician would say it; as the request if it is none of those known here. */
+export function commandText({ method, path, body }: FleetCommand): string {
+  const way = path.replace(/^\/api\/v1\//, "").split("/");
+  const [what, name = "", label = "", verb = ""] = way;
+  let given: Record<string, unknown> = {};
+  try {
+    given = JSON.parse(body) as Record<string, unknown>;
+  } catch {
+    // Of a long body the record has only the beginning.
+  }
+  if (what === "points" && way.length === 3) return `${name}.${label} ${onOff(given["value"])}`;
+  if (what === "points" && way.length === 4) return `${name}.${label} ${textOr(`fleet_verb_${verb}`, verb)}`;
+  if (what === "groups" && label === "set") return `@${name} ${onOff(given["value"])}`;
+  if (what === "scenes" && label === "run") return t("fleet_scene", { name });
+  if (what === "modules" && given["set"]) {
+    const each = Object.entries(given["set"]).map(([point, on]) => `${name}.${point} ${onOff(on)}`);
+    return joinList(each);
+  }
+  if (what === "batch" && Array.isArray(given["set"])) {
+    const each = (given["set"] as { path: string; value: unknown }[]).map((one) => `${one.path} ${onOff(one.value)}`);
+    return joinList(each);
+  }
+  return `${method} ${path.replace(/^\/api\/v1\//, "")} ${body}`;
+}
+
+/** Its result: whether it is a good one, in words. */
+export function resultText(command: FleetCommand): { good: boolean; text: string } {
+  const why = [command.code, command.title].filter(Boolean).join(" ");
+  switch (command.how) {
+    case undefined:
+      return { good: true, text: t("fleet_end_none") };
+    case "answered":
+      if (command.code) return { good: false, text: why };
+      return { good: true, text: t(command.confirmed === "sent" ? "fleet_end_sent" : "fleet_end_done") };
+    case "never":
+      return { good: false, text: why ? withDetail(t("fleet_end_never"), why) : t("fleet_end_never") };
+    default:
+      return { good: false, text: t("fleet_end_unknown") };
+  }
+}
