@@ -94,6 +94,8 @@ export async function serveFleet() {
   const env = { ...process.env, LANG: "C.UTF-8", RAILBUS_LANG: "en" };
   const child = spawn(built, args, { env, stdio: ["ignore", "pipe", "inherit"] });
   const ended = new Promise((resolve) => child.once("exit", resolve));
+  // If the tests are cut off, it ends all the same.
+  process.once("exit", () => child.kill("SIGTERM"));
   const lines = createInterface({ input: child.stdout });
   const said = await Promise.race([new Promise((resolve) => lines.once("line", resolve)), ended]);
   if (typeof said !== "string") throw new Error("the demo of a fleet ended");
@@ -120,6 +122,7 @@ export async function serveFleet() {
     /** Suspends a process of it, as if its machine were gone. */
     suspend: (word) => signal(word, "SIGSTOP"),
     resume: (word) => signal(word, "SIGCONT"),
+    resumeAll: () => processes("").forEach((pid) => process.kill(Number(pid), "SIGCONT")),
     async stop() {
       child.kill("SIGTERM");
       await ended;

@@ -178,11 +178,14 @@ test("nothing looks fresh while a site, the servers or the centre are away", { t
     await site.locator("tbody tr").first().waitFor();
     const row = page.locator("tbody tr", { hasText: "plant2" });
     await row.locator(".tag.good").waitFor();
+    // What is looked for later is there now.
+    for (const one of [page, far, site]) await one.locator(GREEN).first().waitFor();
 
     fleet.suspend("plant2");
     await far.bringToFront();
     await none(far);
-    await far.getByRole("alert").filter({ hasText: "E0168" }).waitFor();
+    await far.locator("p.lost", { hasText: "plant2" }).waitFor();
+    await far.getByRole("link", { name: t("far_known") }).waitFor();
     await page.bringToFront();
     await row.locator(".tag.bad", { hasText: t("fleet_is_offline") }).waitFor();
     await none(site);
@@ -213,7 +216,98 @@ test("nothing looks fresh while a site, the servers or the centre are away", { t
     fleet.resume("fleet\0serve");
     await row.locator(".tag.good").waitFor();
   } finally {
-    for (const part of ["plant2", "nats.conf", "fleet\0serve"]) fleet.resume(part);
+    fleet.resumeAll();
+    await context.close();
+  }
+});
+
+/** Holds requests of a page until it is told to let them go on. */
+async function hold(page, pattern) {
+  const held = [];
+  let holding = true;
+  await page.route(pattern, (route) => (holding ? held.push(route) : route.continue()));
+  return {
+    held,
+    async release() {
+      holding = false;
+      for (const route of held) await route.continue();
+    },
+  };
+}
+
+test("an answer of before does not look fresh because another one has come", async () => {
+  const { context, page, t } = await visitor(DESK);
+  const site = await context.newPage();
+  try {
+    await page.goto(`${fleet.origin}/`);
+    await site.goto(`${fleet.origin}/sites/plant2`);
+    for (const one of [page, site]) await one.locator(GREEN).first().waitFor();
+    const rows = await hold(page, /fleet\/v1\/sites\?limit=100/);
+    const points = await hold(site, /fleet\/v1\/sites\/plant2/);
+    // The centre goes on answering how many sites there are.
+    for (const one of [page, site]) {
+      await one.waitForFunction((green) => !document.querySelector(green), GREEN);
+      assert.equal(await one.locator(".connection.live").count(), 1);
+    }
+    assert.match(await page.locator("tbody tr").first().innerText(), new RegExp(t("fleet_is_unknown")));
+    await rows.release();
+    await points.release();
+    for (const one of [page, site]) await one.locator(GREEN).first().waitFor();
+  } finally {
+    await context.close();
+  }
+});
+
+test("a far site is not asked while nobody looks, and nothing is shown as if it were", async () => {
+  const { context, page } = await visitor(DESK);
+  const look = (hidden) =>
+    page.evaluate((hidden) => {
+      Object.defineProperty(document, "hidden", { value: hidden, configurable: true });
+      document.dispatchEvent(new Event("visibilitychange"));
+    }, hidden);
+  try {
+    await page.goto(`${fleet.origin}/s/plant1/`);
+    await page.locator("article .switch").first().waitFor();
+    await page.locator(GREEN).first().waitFor();
+    await look(true);
+    // It would never be so if it were asked.
+    await page.locator(".connection.stale").waitFor({ state: "attached" });
+    assert.equal(await page.locator(GREEN).count(), 0);
+    await look(false);
+    await page.locator(".connection.live").waitFor({ state: "attached" });
+    await page.locator(GREEN).first().waitFor();
+  } finally {
+    await context.close();
+  }
+});
+
+test("whatever was sent as a command is shown in the record", async () => {
+  const { context, page, t } = await visitor(DESK);
+  try {
+    const { csrf } = await (await context.request.get(`${fleet.origin}/api/v1/session`)).json();
+    const odd = [["PUT", "points/oven/k4", "null"], ["POST", "batch", '{"set":[null]}'], ["PUT", "modules/oven/outputs", '{"set":7}']];
+    for (const [method, path, data] of odd) {
+      const headers = { "X-CSRF-Token": csrf, "Content-Type": "application/json" };
+      await context.request.fetch(`${fleet.origin}/s/plant1/api/v1/${path}`, { method, headers, data });
+    }
+    await page.goto(`${fleet.origin}/commands`);
+    await page.locator("tbody tr", { hasText: "POST batch" }).first().waitFor();
+    await page.goto(`${fleet.origin}/sites/plant1`);
+    await page.getByRole("heading", { name: t("fleet_commands") }).waitFor();
+  } finally {
+    await context.close();
+  }
+});
+
+test("a search that is refused can be changed", async () => {
+  const { context, page } = await visitor(DESK);
+  try {
+    await page.goto(`${fleet.origin}/?search=a+b+c+d+e+f+g+h+i`);
+    await page.getByRole("alert").filter({ hasText: "E0806" }).waitFor();
+    await page.getByRole("searchbox").fill("plant3");
+    await page.waitForFunction(() => document.querySelectorAll("tbody tr").length === 1);
+    assert.deepEqual(await faults(page), []);
+  } finally {
     await context.close();
   }
 });

@@ -64,17 +64,19 @@ async function request(
   reached();
   if (response.ok) return response;
   const problem = await problemIn(response);
-  if (response.status === 401 && path !== "/login") ended();
+  if (response.status === 401 && path !== "/login" && !response.headers.has(OF_SITE)) ended();
   throw new ApiError(problem);
 }
 
+/** Only answers of a far site have it, not those of its centre. */
+const OF_SITE = "railbus-transit-ms";
 /** A right that is missing. What is missing at a far site is granted there, to its centre. */
 const NO_RIGHT = ["E0905", "E0906"];
 
 async function problemIn(response: Response): Promise<Problem> {
   try {
     const problem = (await response.json()) as Problem;
-    return farSite && NO_RIGHT.includes(problem.code) ? { ...problem, help: [t("far_grants")] } : problem;
+    return response.headers.has(OF_SITE) && NO_RIGHT.includes(problem.code) ? { ...problem, help: [t("far_grants")] } : problem;
   } catch {
     const { status } = response;
     return { code: "", title: t("failed", { status }), status };
@@ -86,7 +88,7 @@ async function json<T>(response: Promise<Response>): Promise<T> {
   return (answer.status === 204 ? undefined : await answer.json()) as T;
 }
 
-export const get = <T>(path: string): Promise<T> => json(request("GET", path));
+export const get = <T>(path: string, timeout?: number): Promise<T> => json(request("GET", path, undefined, undefined, timeout));
 export const put = <T>(path: string, body?: unknown, more?: HeadersInit): Promise<T> =>
   json(request("PUT", path, body, more));
 /** `longer`: milliseconds added to the usual timeout. */

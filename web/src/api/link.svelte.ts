@@ -7,7 +7,7 @@ import { clock } from "../lib/clock.svelte";
 export const POLL_MS = farSite === null ? 1_000 : 2_000;
 
 /** Silence after which everything shown is stale, even if the socket is still open. */
-const STALE_AFTER_MS = 5_000;
+export const STALE_AFTER_MS = 5_000;
 
 const link = $state({ open: false, everHeard: false, heard: Date.now(), retryAt: 0 });
 
@@ -37,7 +37,8 @@ export const silence = (): number => Date.now() - link.heard;
 /** The state of the connection, and the seconds to show with it. */
 export function connection(): { state: LinkState; seconds: number } {
   const now = clock();
-  const silent = now - link.heard;
+  // A clock that was set back says nothing of the time between: that counts as silence.
+  const silent = Math.abs(now - link.heard);
   if (!link.everHeard) return { state: "connecting", seconds: 0 };
   if (silent < (link.open ? STALE_AFTER_MS : 2 * POLL_MS + 500)) return { state: "live", seconds: 0 };
   if (silent > STALE_AFTER_MS) return { state: "stale", seconds: Math.round(silent / 1_000) };

@@ -4,7 +4,7 @@ import { SvelteMap } from "svelte/reactivity";
 import { language } from "../i18n/index.svelte";
 import { farSite } from "./base";
 import { get, csrfToken, problemOf } from "./client";
-import { isOpen, markHeard, markOpen, markRetry, POLL_MS, silence } from "./link.svelte";
+import { isOpen, markHeard, markOpen, markRetry, POLL_MS, silence, STALE_AFTER_MS } from "./link.svelte";
 import type { LineInfo, ModuleInfo, PointInfo, Problem } from "./types";
 
 export const points = new SvelteMap<string, PointInfo>();
@@ -24,6 +24,8 @@ type Listener = (message: Message) => void;
 
 const ALWAYS = ["points/#", "modules", "lines"];
 const CHECK_MS = 1_000;
+/** After this time an answer would say nothing about now. It also frees the browser's few connections for commands. */
+const POLL_MOST_MS = STALE_AFTER_MS;
 /** How often those who subscribed are told to look again, where there are no news. */
 const FAR_NEWS_MS = 10_000;
 /** Silence after which the connection is probed, and after which it is closed. */
@@ -55,7 +57,7 @@ export function pointsOf(module: string): PointInfo[] {
 export function subscribe(topic: string, listener: Listener): () => void {
   if (farSite !== null) {
     // It sends no news: something may have been missed at any time.
-    const timer = setInterval(() => listener({ type: "dropped", topic }), FAR_NEWS_MS);
+    const timer = setInterval(() => isUnseen() || listener({ type: "dropped", topic }), FAR_NEWS_MS);
     return () => clearInterval(timer);
   }
   const others = listeners.get(topic) ?? new Set();
@@ -152,6 +154,8 @@ function heard(): void {
 }
 
 let busy = false;
+/** Something has changed since the poll under way was asked. */
+let again = false;
 let failure = $state.raw<Problem | null>(null);
 
 /** Why what is shown could not be fetched the last time, if it is polled. */
@@ -159,28 +163,33 @@ export const pollProblem = (): Problem | null => failure;
 
 async function poll(): Promise<void> {
   // The way to a far site may be a narrow one: nothing is fetched that nobody sees.
-  if (busy || (farSite !== null && document.hidden)) return;
+  if (busy || isUnseen()) return;
   busy = true;
+  again = false;
   // It was so at some time since, however long the answer takes.
   const since = Date.now();
   try {
     const [l, m, p] = await Promise.all([
-      get<{ lines: LineInfo[] }>("/lines"),
-      get<{ modules: ModuleInfo[] }>("/modules"),
-      get<{ points: PointInfo[] }>("/points"),
+      get<{ lines: LineInfo[] }>("/lines", POLL_MOST_MS),
+      get<{ modules: ModuleInfo[] }>("/modules", POLL_MOST_MS),
+      get<{ points: PointInfo[] }>("/points", POLL_MOST_MS),
     ]);
-    markHeard(since);
-    failure = null;
     replaceAll(lines, l.lines, (line) => line.line);
     replaceAll(modules, m.modules, (module) => module.module);
     for (const point of p.points) noteReading(point, since);
     replaceAll(points, p.points, (point) => point.path);
+    // Only now: what could not be taken was not heard.
+    markHeard(since);
+    failure = null;
   } catch (thrown) {
     failure = problemOf(thrown);
   } finally {
     busy = false;
   }
+  if (again) void poll();
 }
+
+const isUnseen = (): boolean => farSite !== null && document.hidden;
 
 function receive(message: Message): void {
   const news = (key: string): unknown[] => {
@@ -229,7 +238,10 @@ function noteReading(point: PointInfo, now = Date.now()): void {
 /** Stores a point that was fetched on its own. */
 export function refresh(point: PointInfo): void {
   // From a far site answers arrive in any order: only polls, one after the other, say how it is.
-  if (farSite !== null) return void poll();
+  if (farSite !== null) {
+    again = busy;
+    return void poll();
+  }
   noteReading(point);
   points.set(point.path, point);
 }

@@ -1,4 +1,5 @@
 // A resource of the API, fetched for as long as a component shows it.
+import { farSite } from "./base";
 import { get, problemOf } from "./client";
 import { lostAt } from "./link.svelte";
 import type { Problem } from "./types";
@@ -6,6 +7,8 @@ import type { Problem } from "./types";
 export interface Resource<T> {
   /** The last answer; it stays during a refetch. */
   readonly data: T | null;
+  /** When that was asked for: it was so at some time since. */
+  readonly asked: number;
   /** Why the last request failed. */
   readonly problem: Problem | null;
   readonly busy: boolean;
@@ -19,6 +22,7 @@ export function resource<T>(path: () => string | null, every?: number): Resource
   let data = $state.raw<T | null>(null);
   let problem = $state.raw<Problem | null>(null);
   let busy = $state(false);
+  let asked = $state(0);
   let turn = 0;
   const reachable = $derived(lostAt() === null);
 
@@ -26,9 +30,10 @@ export function resource<T>(path: () => string | null, every?: number): Resource
     const mine = ++turn;
     if (what === null) return;
     busy = true;
+    const since = Date.now();
     try {
       const answer = await get<T>(what);
-      if (mine === turn) [data, problem] = [answer, null];
+      if (mine === turn) [data, problem, asked] = [answer, null, since];
     } catch (thrown) {
       if (mine === turn) problem = problemOf(thrown);
     } finally {
@@ -45,7 +50,7 @@ export function resource<T>(path: () => string | null, every?: number): Resource
     const timer = setInterval(() => {
       // A 404 is not polled. Nor is a second request sent while one is open: a slow daemon would
       // otherwise use up the browser's few connections, which commands need.
-      if (!busy && problem?.status !== GONE) void ask(what);
+      if (!busy && problem?.status !== GONE && !(farSite && document.hidden)) void ask(what);
     }, every);
     return () => clearInterval(timer);
   });
@@ -53,6 +58,9 @@ export function resource<T>(path: () => string | null, every?: number): Resource
   return {
     get data() {
       return data;
+    },
+    get asked() {
+      return asked;
     },
     get problem() {
       return problem;

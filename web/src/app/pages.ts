@@ -57,5 +57,6 @@ export const PAGES: readonly Page[] = [
     group: 2,
     role: "viewer",
     simulated: true,
+    near: true,
   },
 ];

@@ -1,6 +1,7 @@
 // The state of the whole fleet: how many sites there are, and the centre's connection to its servers.
 import { get } from "../api/client";
-import { lostAt, markHeard } from "../api/link.svelte";
+import { lostAt, markHeard, STALE_AFTER_MS } from "../api/link.svelte";
+import { clock } from "../lib/clock.svelte";
 import type { FleetSites } from "../api/types";
 
 let summary = $state.raw<FleetSites | null>(null);
@@ -25,5 +26,8 @@ export async function look(): Promise<void> {
   }
 }
 
-/** Whether what is shown is what the sites say now. */
-export const isHeard = (): boolean => lostAt() === null && summary?.connection.connected === true;
+/** Whether an answer that was asked for at this time says how it is now. */
+export function isNow(asked: number, connection: FleetSites["connection"] | undefined): boolean {
+  // Also not where the browser's clock was set back.
+  return lostAt() === null && connection?.connected === true && Math.abs(clock() - asked) < STALE_AFTER_MS;
+}
