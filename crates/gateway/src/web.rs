@@ -45,8 +45,9 @@ pub(super) async fn page(
     headers: HeaderMap,
 ) -> Answer {
     let path = uri.path().trim_start_matches('/');
-    let is_api = path == "api" || path.starts_with("api/");
-    if is_api || !matches!(method, Method::GET | Method::HEAD) {
+    // Below `s` a centre has the pages of its sites, and they would take this for one.
+    let first = path.split('/').next().unwrap_or_default();
+    if ["api", "s"].contains(&first) || !matches!(method, Method::GET | Method::HEAD) {
         return answer::problem(&Problem::new(codes::NO_SUCH_PAGE));
     }
     shown(path, (&headers, site.lang), ["railbus ls", "railbus watch"])

@@ -1,7 +1,7 @@
 //! What the centre tells of a site.
 
 use super::KnownPoint;
-use crate::{CLOCK_OFF_MS, COPY_GONE, KEY_ENDS_SOON_S};
+use crate::{CLOCKS_DIFFER_MS, COPY_GONE, KEY_ENDS_SOON_S};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -16,12 +16,15 @@ pub enum SitePresence {
     Offline,
 }
 
+/// Values that were current this long ago, two heartbeats, may be so again in a moment.
+const OLD: Duration = Duration::from_secs(20);
+
 /// Why somebody should look at a site.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SiteAttention {
     /// It is offline.
     Offline,
-    /// It is online, and not all of its values are current.
+    /// It is online, and not all of its values have been current for a while.
     NotCurrent,
     /// Another machine with its key asked to be this site, not long ago.
     Duplicate,
@@ -70,14 +73,18 @@ impl SiteView<'_> {
     /// Why somebody should look at it, at this time in seconds since 1970.
     pub fn attention(&self, clock_s: i64) -> impl Iterator<Item = SiteAttention> {
         let is_online = self.presence == SitePresence::Online;
-        let is_off = |ahead: i64| ahead.unsigned_abs() > CLOCK_OFF_MS;
+        let is_off = |ahead: i64| ahead.unsigned_abs() > CLOCKS_DIFFER_MS;
+        let is_old = |ago: Duration| ago > OLD;
         let ends = self.key_expires_s.map(|at| at.saturating_sub(clock_s));
         let all = [
             (
                 self.presence == SitePresence::Offline,
                 SiteAttention::Offline,
             ),
-            (is_online && !self.is_current, SiteAttention::NotCurrent),
+            (
+                is_online && !self.is_current && self.vouched.is_none_or(is_old),
+                SiteAttention::NotCurrent,
+            ),
             (
                 self.duplicate.is_some_and(|ago| ago < COPY_GONE),
                 SiteAttention::Duplicate,
@@ -123,7 +130,7 @@ mod tests {
             is_current: true,
             vouched: Some(Duration::ZERO),
             behind: Some(0),
-            clock_ahead_ms: Some(-2_000),
+            clock_ahead_ms: Some(-30_000),
             session: "",
             time: None,
             version: "1.2.0-RC1",
@@ -141,6 +148,18 @@ mod tests {
         let why = |view: SiteView<'_>| view.attention(NOW_S).collect::<Vec<_>>();
         let well = well(&points);
         assert_eq!(why(well.clone()), []);
+        let a_moment = SiteView {
+            is_current: false,
+            vouched: Some(OLD),
+            ..well.clone()
+        };
+        assert_eq!(why(a_moment), []);
+        let never = SiteView {
+            is_current: false,
+            vouched: None,
+            ..well.clone()
+        };
+        assert_eq!(why(never), [NotCurrent]);
         let away = SiteView {
             presence: SitePresence::Offline,
             is_current: false,
@@ -158,7 +177,8 @@ mod tests {
         );
         let bad = SiteView {
             is_current: false,
-            clock_ahead_ms: Some(2_001),
+            vouched: Some(OLD + Duration::from_millis(1)),
+            clock_ahead_ms: Some(30_001),
             key_expires_s: Some(NOW_S + 21 * DAY_S - 1),
             duplicate: Some(Duration::ZERO),
             ..well.clone()

@@ -1,6 +1,7 @@
 //! What handlers of sessions and accounts need: of a site, or of another program that has accounts.
 
 use super::{Caller, Gate, Role};
+use axum::extract::rejection::RawPathParamsRejection;
 use axum::extract::{FromRequestParts, RawPathParams};
 use axum::http::request::Parts;
 use railbus_site::Service;
@@ -78,9 +79,14 @@ impl FromRequestParts<AccountsApi> for AccountsApi {
         parts: &mut Parts,
         api: &AccountsApi,
     ) -> Result<AccountsApi, Infallible> {
-        let named = RawPathParams::from_request_parts(parts, api).await.ok();
-        let mut named = named.iter().flatten();
-        Ok(match named.find(|(key, _)| *key == "site") {
+        let named = RawPathParams::from_request_parts(parts, api).await;
+        let site = match &named {
+            Ok(named) => named.iter().find(|(key, _)| *key == "site"),
+            // A name that can't be read is none of a site, and does not stand for the centre.
+            Err(RawPathParamsRejection::InvalidUtf8InPathParam(_)) => Some(("site", "")),
+            Err(_) => None,
+        };
+        Ok(match site {
             Some((_, site)) => AccountsApi {
                 name: site.into(),
                 place: AccountsPlace::FarSite,

@@ -21,7 +21,8 @@ fn file_at(path: &str) -> Option<&str> {
     let (first, rest) = path.split_once('/').unwrap_or((path, ""));
     let (site, below) = rest.split_once('/').unwrap_or((rest, ""));
     match first {
-        "api" | "fleet" => None,
+        // What a site has there for monitoring must not be taken for a page.
+        "api" | "fleet" | "metrics" | "readyz" => None,
         "s" if below == "api" || below.starts_with("api/") => None,
         // The files of its pages are those of the centre, at the top.
         "s" if !site.is_empty() => Some(""),
@@ -52,6 +53,8 @@ mod tests {
             ("api", None),
             ("api/v1/points", None),
             ("fleet", None),
+            ("metrics", None),
+            ("readyz", None),
             ("fleet/v1/none", None),
         ] {
             assert_eq!(file_at(path), wanted, "{path}");

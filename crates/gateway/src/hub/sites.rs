@@ -57,7 +57,9 @@ impl SitesWanted {
             text.transpose().map_err(|_| unreadable(key))
         };
         let search = asked.get("search").map_or("", String::as_str);
-        let words: Vec<_> = search.split_whitespace().map(str::to_lowercase).collect();
+        // Letter by letter, as paths are: the end of a word is no matter.
+        let lower = |word: &str| word.chars().flat_map(char::to_lowercase).collect();
+        let words: Vec<String> = search.split_whitespace().map(lower).collect();
         if search.len() > SEARCH_MAX || words.len() > WORDS_MAX {
             let reason = "a search has at most 256 bytes and 8 words";
             return Err(Problem::new(codes::BAD_REQUEST).with("reason", reason));

@@ -10,16 +10,13 @@ use railbus_app::failure::Failure;
 use railbus_app::socket;
 use railbus_app::texts::AppText;
 use railbus_client::HubClient;
-use railbus_fleet::COPY_GONE;
+use railbus_fleet::{CLOCKS_DIFFER_MS, COPY_GONE};
 use railbus_words::{Lang, time};
 use std::os::unix::net::UnixStream;
 use std::time::Duration;
 
 /// So many sites are named in a finding.
 const NAMED_MAX: usize = 5;
-/// Clocks that differ by more are reported, in milliseconds. A slow connection delays heartbeats by
-/// ten seconds and more.
-const CLOCKS_DIFFER_MS: u64 = 30_000;
 
 /// The findings about the fleet; none without a centre on this machine.
 pub(super) async fn check(context: &Context, now_s: u64) -> Vec<Finding> {
