@@ -138,6 +138,18 @@ pub struct FleetSite {
     pub attention: Vec<FleetAttention>,
 }
 
+/// `DELETE /fleet/v1/sites/{site}`: the site was removed.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct FleetRemoval {
+    /// The version of the API.
+    pub schema: u8,
+    /// Its name.
+    pub removed: String,
+    /// The servers have deleted what they held of it, too. Otherwise its last values stay there
+    /// until it comes back, and changes for a day.
+    pub purged: bool,
+}
+
 /// `GET /fleet/v1/sites/{site}`: a site with its points.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct FleetSitePoints {

@@ -302,6 +302,10 @@ pub mod codes {
         NOT_REMOTE = "E0937", 403;
         /// Also `name`.
         NO_SUCH_SITE = "E0836", 404;
+        /// Also `name`: the site.
+        SITE_THERE = "E0179", 409;
+        /// Also `name`: the site.
+        SITE_CHANGING = "E0184", 409;
         /// Also `reason`: its host ID.
         HOST_AWAY = "E0833", 503;
         /// Also `name`.

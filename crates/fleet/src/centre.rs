@@ -5,7 +5,9 @@
 //! compare-and-set, so when two centres grant one at the same time, only one succeeds. Messages
 //! from any other session are ignored.
 
+mod fastest;
 mod known;
+mod removal;
 mod session;
 mod view;
 
@@ -14,9 +16,12 @@ use crate::message::{
 };
 use crate::names::is_site_name;
 use crate::uplink::is_token;
+use fastest::Fastest;
 pub use known::KnownPoint;
 use known::KnownSite;
 use prost::Message as _;
+use removal::Removal;
+pub use removal::RemovalEnd;
 use session::{Admission, admit};
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
@@ -31,9 +36,6 @@ const SITES_MAX: usize = 20_000;
 /// How long heartbeats may come in an unknown session before the latest lease is read: it may still
 /// be on its way from another centre.
 const STRAY: Duration = Duration::from_secs(30);
-/// How long the fastest heartbeat of a session is remembered, up to twice this time. Not longer:
-/// clocks drift, and the monotonic clock stops while a machine sleeps.
-const FASTEST: Duration = Duration::from_secs(300);
 /// The longest message with entries, and the longest request for a session, in bytes.
 const BATCH_MAX: usize = 128 << 10;
 const HELLO_MAX: usize = 1_024;
@@ -63,7 +65,10 @@ pub enum CentreInput<'i> {
     Said(&'i str, &'i str, &'i [u8]),
     /// The lease of a site: site, document, revision.
     Lease(&'i str, &'i [u8], u64),
-    /// The result of [`CentreOutput::Store`] with this request number.
+    /// A site is to be removed: request number, site, and an unguessable name that no session gets.
+    Remove(u64, &'i str, String),
+    /// The result of [`CentreOutput::Store`] or [`CentreOutput::StoreRemoval`] with this request
+    /// number.
     Stored(u64, StoreEnd),
     /// The result of [`CentreOutput::ReadLease`]: [`None`] if reading failed, `Some(None)` if there
     /// is no lease, otherwise document and revision.
@@ -97,6 +102,22 @@ pub enum CentreOutput {
         /// The expected latest revision, 0 for none.
         after: u64,
     },
+    /// Store a lease that says that a site was removed, provided its latest revision is `after`.
+    /// If it is stored, delete what streams held of the site before that.
+    StoreRemoval {
+        /// The request number.
+        number: u64,
+        /// The site.
+        site: String,
+        /// The subject.
+        subject: String,
+        /// The document.
+        payload: Vec<u8>,
+        /// The expected latest revision, 0 for none.
+        after: u64,
+    },
+    /// The result of [`CentreInput::Remove`] with this request number.
+    RemovalEnded(u64, RemovalEnd),
     /// Drop this request without a reply: the site retries.
     Drop(u64),
     /// Read the latest lease of this site from the leader of the stream.
@@ -127,15 +148,6 @@ struct HeardBeat {
     fastest: Fastest,
     beat: Beat,
     clock_ahead_ms: i64,
-}
-
-/// The smallest difference between the centre's time and the site's in this window and the one
-/// before, in milliseconds.
-#[derive(Clone, Copy, Debug)]
-struct Fastest {
-    since: Duration,
-    now_ms: i128,
-    before_ms: i128,
 }
 
 /// A session being granted.
@@ -178,6 +190,7 @@ pub struct Centre {
     /// Since when the centre is subscribed.
     listens: Option<Duration>,
     grants: BTreeMap<u64, Grant>,
+    removals: BTreeMap<u64, Removal>,
     outputs: VecDeque<CentreOutput>,
     /// The wall clock, in milliseconds since 1970.
     clock_ms: i64,
@@ -203,6 +216,7 @@ impl Centre {
             CentreInput::Lease(site, payload, revision) => {
                 self.lease_document(now, site, (payload, revision), false);
             }
+            CentreInput::Remove(number, site, name) => self.remove(now, number, site, name),
             CentreInput::Stored(number, end) => self.stored(now, number, end),
             CentreInput::LeaseRead(site, found) => self.lease_read(now, site, found),
         }
@@ -227,16 +241,15 @@ impl Centre {
 
     /// All sites at this time, by name.
     pub fn sites(&self, now: Duration) -> impl Iterator<Item = SiteView<'_>> {
-        let sites = self.sites.iter().filter(|(_, site)| site.holder.is_some());
+        let sites = self.sites.iter().filter(|(_, site)| site.is_there());
         sites.map(move |(name, site)| self.view(now, name, site))
     }
 
-    /// A site at this time; none if no machine ever had this name.
+    /// A site at this time; none if no machine ever had this name, or none since it was removed.
     #[must_use]
     pub fn site(&self, now: Duration, name: &str) -> Option<SiteView<'_>> {
         let (name, site) = self.sites.get_key_value(name)?;
-        let is_there = site.holder.is_some();
-        is_there.then(|| self.view(now, name, site))
+        site.is_there().then(|| self.view(now, name, site))
     }
 
     fn view<'c>(&'c self, now: Duration, name: &'c str, site: &'c CentreSite) -> SiteView<'c> {
@@ -280,9 +293,13 @@ impl Centre {
 
     /// A site of this name; none if there are too many.
     fn entry(&mut self, name: &str) -> Option<&mut CentreSite> {
-        let is_new = !self.sites.contains_key(name);
-        if is_new && (self.sites.len() >= SITES_MAX || !is_site_name(name)) {
-            return None;
+        if !self.sites.contains_key(name) {
+            let has_place = |centre: &mut Centre| {
+                centre.sites.len() < SITES_MAX || centre.forgets_a_removed_one()
+            };
+            if !is_site_name(name) || !has_place(self) {
+                return None;
+            }
         }
         Some(self.sites.entry(name.to_owned()).or_default())
     }
@@ -292,6 +309,7 @@ impl Centre {
         self.listens = None;
         self.outputs.clear();
         self.grants.clear();
+        self.removals.clear();
         for site in self.sites.values_mut() {
             site.beat = None;
             site.incomplete_since = None;
@@ -355,10 +373,11 @@ impl Centre {
             granted_ms: clock_ms,
             key_expires_s: hello.key_expires_s,
             time_ms: hello.time_ms,
+            removed_ms: 0,
         };
         self.outputs.push_back(CentreOutput::Store {
             number,
-            subject: format!("rb.fleet.lease.{name}"),
+            subject: lease_subject(name),
             payload: lease.encode_to_vec(),
             after,
         });
@@ -390,7 +409,7 @@ impl Centre {
 
     fn stored(&mut self, now: Duration, number: u64, end: StoreEnd) {
         let Some(grant) = self.grants.remove(&number) else {
-            return;
+            return self.removal_stored(now, number, end);
         };
         let (name, session) = (grant.site, grant.lease.session.clone());
         match end {
@@ -438,6 +457,7 @@ impl Centre {
         };
         let revision = site.holder.as_ref().map_or(0, |holder| holder.revision);
         let (again, stray) = (site.retry.take(), site.unknown.take());
+        let is_read = found.is_some();
         // A newer lease may have arrived in between.
         if let (Some(found), true) = (found, revision == looks) {
             match found {
@@ -454,6 +474,7 @@ impl Centre {
                 self.end_session(name, &stray);
             }
         }
+        self.removals_decided(name, is_read);
         if let Some((number, payload, session)) = again {
             self.hello(now, number, (name, &payload, session), true);
         }
@@ -494,7 +515,7 @@ impl Centre {
             }
         }
         let (session, boot) = (lease.session.clone(), lease.boot.clone());
-        let since = now;
+        let (since, is_removal) = (now, lease.is_removal());
         let had = site.holder.replace(Holder {
             lease,
             revision,
@@ -503,13 +524,18 @@ impl Centre {
         site.beat = None;
         site.incomplete_since = None;
         site.unknown = None;
-        site.known.begin();
-        let early = SiteState::decode(&*std::mem::take(&mut site.early_state));
-        if let Some(early) = early.ok().filter(|early| early.session == session) {
-            site.known.state(early);
+        if is_removal {
+            site.forget();
+        } else {
+            site.known.begin();
+            let early = SiteState::decode(&*std::mem::take(&mut site.early_state));
+            if let Some(early) = early.ok().filter(|early| early.session == session) {
+                site.known.state(early);
+            }
         }
         // Another machine may still be using the previous session.
-        if let Some(had) = had.filter(|had| had.lease.boot != boot) {
+        let had = had.filter(|had| had.lease.boot != boot && !had.lease.is_removal());
+        if let Some(had) = had {
             self.end_session(name, &had.lease.session);
         }
     }
@@ -608,43 +634,26 @@ impl Centre {
                 site.known.state(state);
                 site.completes();
             }
+            // One of an earlier session is not so any more.
+            false if site.was_in(&state.session) => {}
             // The lease may still be on its way from another centre.
             false => site.early_state = payload.to_vec(),
         }
     }
 }
 
-impl Fastest {
-    /// Including one more heartbeat.
-    fn with(last: Option<Fastest>, now: Duration, beat: &Beat) -> Fastest {
-        let millis = i128::try_from(now.as_millis()).unwrap_or(i128::MAX);
-        let its = millis - i128::from(beat.time_ms);
-        let Some(last) = last else {
-            return Fastest {
-                since: now,
-                now_ms: its,
-                before_ms: its,
-            };
-        };
-        if now.saturating_sub(last.since) < FASTEST {
-            let now_ms = last.now_ms.min(its);
-            return Fastest { now_ms, ..last };
-        }
-        Fastest {
-            since: now,
-            now_ms: its,
-            before_ms: last.now_ms,
-        }
-    }
-
-    /// When a heartbeat was sent, by the centre's clock.
-    fn said(&self, beat: &Beat) -> Duration {
-        let millis = self.now_ms.min(self.before_ms) + i128::from(beat.time_ms);
-        Duration::from_millis(u64::try_from(millis).unwrap_or_default())
-    }
+/// The subject of the documents with the sessions of a site.
+fn lease_subject(name: &str) -> String {
+    format!("rb.fleet.lease.{name}")
 }
 
 impl CentreSite {
+    /// Whether a machine had this name since it was last removed.
+    fn is_there(&self) -> bool {
+        let holder = self.holder.as_ref();
+        holder.is_some_and(|holder| !holder.lease.is_removal())
+    }
+
     /// Whether everything has arrived that the last heartbeat vouches for.
     fn completes(&mut self) -> bool {
         let beat = self.beat.as_ref();

@@ -515,6 +515,17 @@ pub struct SessionLease {
     /// When the site asked for it, by its own time.
     #[prost(uint64, tag = "8")]
     pub time_ms: u64,
+    /// When the site was removed, in milliseconds since 1970; 0 where it was not.
+    #[prost(int64, tag = "9")]
+    pub removed_ms: i64,
+}
+
+impl SessionLease {
+    /// Whether it says that the site was removed: no machine has its session.
+    #[must_use]
+    pub const fn is_removal(&self) -> bool {
+        self.removed_ms != 0
+    }
 }
 
 /// A run that had the session of a site before.

@@ -250,7 +250,7 @@ pub(super) async fn check(
 
 /// Runs a request to its end, even if the caller goes away: a change is always reported, by an
 /// event and to the sessions that it ends.
-async fn to_its_end(asked: impl Future<Output = Response> + Send + 'static) -> Response {
+pub(super) async fn to_its_end(asked: impl Future<Output = Response> + Send + 'static) -> Response {
     tokio::spawn(asked).await.unwrap_or_else(|error| {
         let problem = Problem::new(codes::INTERNAL).with("reason", error.to_string());
         answer::problem(&problem)

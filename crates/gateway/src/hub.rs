@@ -3,10 +3,10 @@
 //!
 //! # Where things are
 //! - What is decided, without I/O: `railbus_fleet::centre` and `railbus_fleet::ledger`. What drives
-//!   it: `driver`. Its connection, and the streams of its servers: `link`. What it tells:
-//!   `routes`, `view`, `sites`; its pages: `pages`. What sites tell through it: `site_api`. What
-//!   they are told to do: `command`. Keys that it issues: `keys`. Keys that are let in no longer:
-//!   `revoke`.
+//!   it: `driver`. Its connection, and the streams of its servers: `link`, `streams`. What it
+//!   tells: `routes`, `view`, `sites`; its pages: `pages`. What sites tell through it: `site_api`.
+//!   What they are told to do: `command`. Keys that it issues: `keys`. Keys that are let in no
+//!   longer: `revoke`.
 
 mod command;
 mod driver;
@@ -17,6 +17,7 @@ mod revoke;
 mod routes;
 mod site_api;
 mod sites;
+mod streams;
 mod view;
 
 use crate::access::{AccountsApi, AccountsPlace, Gate};

@@ -33,6 +33,9 @@ pub(super) fn admit(
     let Some(lease) = lease else {
         return Admission::Admitted(Vec::new());
     };
+    if lease.is_removal() {
+        return Admission::Admitted(before(lease, &hello.boot));
+    }
     let is_recent = |at: Duration| now.saturating_sub(at) < TAKEN;
     let is_silent = !heard.is_some_and(is_recent) && !listens.is_none_or(is_recent);
     if lease.boot == hello.boot {
@@ -45,7 +48,7 @@ pub(super) fn admit(
     let is_before = lease.before.iter().any(|run| run.boot == hello.boot);
     let is_restart = lease.installation == hello.installation && !is_before;
     if is_restart {
-        return Admission::Admitted(before(lease, hello));
+        return Admission::Admitted(before(lease, &hello.boot));
     }
     if heard.is_some_and(is_recent) {
         return Admission::Taken;
@@ -54,17 +57,19 @@ pub(super) fn admit(
         return Admission::NotKnown;
     }
     // The other machine is silent: this one replaces it.
-    Admission::Admitted(before(lease, hello))
+    Admission::Admitted(before(lease, &hello.boot))
 }
 
-/// The runs that had the session before this one.
-fn before(lease: &SessionLease, hello: &Hello) -> Vec<EarlierRun> {
+/// The runs that had the session before this one, when it follows this lease.
+pub(super) fn before(lease: &SessionLease, boot: &[u8]) -> Vec<EarlierRun> {
     let last = EarlierRun {
         boot: lease.boot.clone(),
         session: lease.session.clone(),
     };
-    let before = lease.before.iter().chain([&last]);
-    let before: Vec<_> = before.filter(|run| run.boot != hello.boot).collect();
+    // Of a site that was removed, nobody had the last session.
+    let last = Some(&last).filter(|_| !lease.is_removal());
+    let before = lease.before.iter().chain(last);
+    let before: Vec<_> = before.filter(|run| run.boot != boot).collect();
     let skipped = before.len().saturating_sub(BEFORE_MAX);
     before.into_iter().skip(skipped).cloned().collect()
 }

@@ -1,5 +1,6 @@
 mod play;
 mod points;
+mod removal;
 
 use super::*;
 use crate::message::{DataEntry, DataKind, ReadingQuality, UplinkReading, UplinkValue};

@@ -1,10 +1,13 @@
 //! Drives the centre.
 
+mod removal;
+
 use super::HubText;
 use super::command::{self, GivenCommand, SentEnd};
 use super::link::{Document, HubFiles, Link, Opened};
 use super::site_api::SiteWay;
 use super::sites::{self, SitesWanted};
+use super::streams::{LastDocument, last_of, put};
 use super::view;
 use crate::access::secret::{hex, random};
 use crate::clock::since_boot;
@@ -12,13 +15,8 @@ use crate::listen;
 use crate::nats::next;
 use crate::northbound::broker::session::Tries;
 use crate::{warn, warn_of};
-use async_nats::jetstream::Context;
-use async_nats::jetstream::ErrorCode;
-use async_nats::jetstream::context::{PublishError, PublishErrorKind};
-use async_nats::jetstream::message::PublishMessage;
-use async_nats::jetstream::stream::LastRawMessageErrorKind;
 use async_nats::{Message, Subject};
-use railbus_api::fleet::{FleetCommands, FleetSitePoints, FleetSites};
+use railbus_api::fleet::{FleetCommands, FleetRemoval, FleetSitePoints, FleetSites};
 use railbus_api::problem::{Problem, codes};
 use railbus_app::failure::Failure;
 use railbus_fleet::centre::{Centre, CentreInput, CentreOutput, StoreEnd};
@@ -27,8 +25,8 @@ use railbus_fleet::ledger::{
 };
 use railbus_store::history::millis;
 use railbus_words::Lang;
+use removal::AskedRemoval;
 use std::collections::BTreeMap;
-use std::error::Error as _;
 use std::time::{Duration, SystemTime};
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio::time::Instant;
@@ -55,12 +53,11 @@ pub(super) enum HubCall {
     Way(String, oneshot::Sender<Result<SiteWay, Problem>>),
     /// A command to a site; what came of it, or the problem if it was not sent.
     Command(GivenCommand, oneshot::Sender<Result<CommandTold, Problem>>),
+    /// A site is to be removed; the problem if it was not, or that is not known.
+    Remove(String, oneshot::Sender<Result<FleetRemoval, Problem>>),
     /// The newest commands.
     Commands(oneshot::Sender<FleetCommands>),
 }
-
-/// The latest document of a subject and its revision; none if there is none.
-pub(super) type LastDocument = Option<(Vec<u8>, u64)>;
 
 /// The result of a request to a stream.
 enum StreamEnd {
@@ -68,6 +65,9 @@ enum StreamEnd {
     Stored(u64, StoreEnd, Option<Problem>),
     /// Of reading the latest lease of a site; none if that failed.
     LeaseRead(String, Option<LastDocument>),
+    /// Of removing a site: request number, result of storing it, whether what streams held was
+    /// deleted, and the problem if there was one.
+    Removed(u64, StoreEnd, bool, Option<Problem>),
     /// Of storing a record of a command.
     RecordStored(CommandId, StoreEnd, Option<Problem>),
     /// Of reading the latest one; none if that failed.
@@ -86,6 +86,8 @@ pub(super) struct Driver {
     ledger: Ledger,
     /// Who waits for what came of a command.
     callers: BTreeMap<u64, oneshot::Sender<Result<CommandTold, Problem>>>,
+    /// Who waits for the removal of a site.
+    removals: BTreeMap<u64, AskedRemoval>,
     /// The reply subjects of pending requests.
     replies: BTreeMap<u64, Subject>,
     number: u64,
@@ -145,6 +147,7 @@ impl Driver {
             centre: Centre::default(),
             ledger: Ledger::default(),
             callers: BTreeMap::new(),
+            removals: BTreeMap::new(),
             replies: BTreeMap::new(),
             number: 0,
             calls,
@@ -212,6 +215,7 @@ impl Driver {
         self.handle(CentreInput::Lost);
         self.note(LedgerInput::Lost);
         self.tell_callers();
+        self.removals_lost();
     }
 
     fn note(&mut self, input: LedgerInput<'_>) {
@@ -410,6 +414,9 @@ impl Driver {
                 });
                 self.handle(CentreInput::LeaseRead(&site, found));
             }
+            StreamEnd::Removed(number, end, is_purged, problem) => {
+                self.removal_stored(number, (end, is_purged), problem);
+            }
             StreamEnd::RecordStored((site, id, number), end, problem) => {
                 if let Some(problem) = problem {
                     self.failed(problem);
@@ -570,6 +577,14 @@ impl Driver {
                     payload,
                     after,
                 } => self.store(link, number, subject, payload, after),
+                CentreOutput::StoreRemoval {
+                    number,
+                    site,
+                    subject,
+                    payload,
+                    after,
+                } => self.store_removal(link, (number, site), (subject, payload, after)),
+                CentreOutput::RemovalEnded(number, end) => self.removal_ended(number, end),
                 CentreOutput::Drop(number) => _ = self.replies.remove(&number),
                 CentreOutput::ReadLease(site) => self.read_lease(link, site),
                 CentreOutput::Request(subject) => {
@@ -628,60 +643,10 @@ impl Driver {
                 };
                 _ = to.send(way);
             }
+            HubCall::Remove(name, to) => self.remove(name, link.is_some(), to),
             HubCall::Command(given, to) => self.given(given, link, to),
             HubCall::Commands(to) => _ = to.send(view::commands(&self.ledger)),
         }
-    }
-}
-
-/// Stores a document, provided that the latest one of its subject has this revision.
-pub(super) async fn put(
-    streams: &Context,
-    subject: String,
-    payload: Vec<u8>,
-    after: u64,
-) -> (StoreEnd, Option<Problem>) {
-    let message = PublishMessage::build()
-        .payload(payload.into())
-        .expected_last_subject_sequence(after);
-    let stored = match streams.send_publish(subject, message).await {
-        Ok(sent) => sent.await.map(|stored| stored.sequence),
-        Err(error) => Err(error),
-    };
-    match stored {
-        Ok(number) => (StoreEnd::Stored(number), None),
-        Err(error) => match error.kind() {
-            PublishErrorKind::WrongLastSequence => (StoreEnd::Conflict, None),
-            _ if is_in_flight(&error) => (StoreEnd::Conflict, None),
-            _ => {
-                let problem = Problem::new(codes::FLEET_NOT_STORED);
-                let problem = problem.with("reason", error.to_string());
-                (StoreEnd::Unknown, Some(problem))
-            }
-        },
-    }
-}
-
-/// Whether servers refuse it because another one of its subject is on its way among them.
-fn is_in_flight(error: &PublishError) -> bool {
-    let source = error.source();
-    let said = source.and_then(|source| source.downcast_ref::<async_nats::jetstream::Error>());
-    said.is_some_and(|error| error.error_code() == ErrorCode::STREAM_WRONG_LAST_SEQUENCE_CONSTANT)
-}
-
-/// Reads the latest document of a subject from the leader of its stream; none if that fails.
-pub(super) async fn last_of(
-    streams: &Context,
-    stream: &str,
-    subject: &str,
-) -> Option<LastDocument> {
-    let stream = streams.get_stream_no_info(stream).await.ok()?;
-    match stream.get_last_raw_message_by_subject(subject).await {
-        Ok(found) => Some(Some((found.payload.to_vec(), found.sequence))),
-        Err(error) => match error.kind() {
-            LastRawMessageErrorKind::NoMessageFound => Some(None),
-            _ => None,
-        },
     }
 }
 

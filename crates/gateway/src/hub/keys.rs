@@ -2,8 +2,8 @@
 //! site. Of all centre processes one gets each request; the documents are changed by
 //! compare-and-set.
 
-use super::driver::{last_of, put};
 use super::link::HubFiles;
+use super::streams::{last_of, put};
 use crate::clock::unix_s;
 use crate::nats::{next, unusable};
 use async_nats::jetstream::{self, Context};

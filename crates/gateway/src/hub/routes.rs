@@ -6,7 +6,9 @@ use super::pages;
 use super::site_api;
 use super::sites::SitesWanted;
 use super::view::SCHEMA;
-use crate::access::{AccountsApi, Caller, Need, Reach, SESSION_ROUTES, USER_ROUTES, check};
+use crate::access::{
+    AccountsApi, Caller, Need, Reach, SESSION_ROUTES, USER_ROUTES, check, to_its_end,
+};
 use crate::doc::Doc;
 use crate::guard::Front;
 use crate::language::spoken;
@@ -19,10 +21,13 @@ use axum::extract::{DefaultBodyLimit, Path, State};
 use axum::http::header::ACCEPT_LANGUAGE;
 use axum::http::{HeaderMap, Method, Response, StatusCode, Uri};
 use axum::middleware::{from_fn, from_fn_with_state};
-use axum::routing::{any, get};
+use axum::routing::{any, delete, get};
 use axum::{Extension, Router};
-use railbus_api::fleet::{FleetAccounts, FleetCommand, FleetCommands, FleetSitePoints, FleetSites};
+use railbus_api::fleet::{
+    FleetAccounts, FleetCommand, FleetCommands, FleetRemoval, FleetSitePoints, FleetSites,
+};
 use railbus_api::problem::{Problem, codes};
+use railbus_app::render::out;
 use railbus_words::{Code, Lang};
 use std::path::Path as FilePath;
 use std::sync::{Arc, LazyLock};
@@ -44,6 +49,10 @@ const ROUTES: &[Route] = &[
     ),
     Route::of_hub("GET", "/sites/{site}", Need::VIEWER, || get(site)).doc(
         Doc::new("A site, and what the centre knows of its points").answers::<FleetSitePoints>(),
+    ),
+    Route::of_hub("DELETE", "/sites/{site}", Need::ADMIN, || delete(remove)).doc(
+        Doc::new("Remove a site that is offline. Its key stays valid: it can come back")
+            .answers::<FleetRemoval>(),
     ),
     Route::of_hub("GET", "/commands", Need::VIEWER, || get(commands))
         .doc(Doc::new("The newest commands to sites, the newest last").answers::<FleetCommands>()),
@@ -209,6 +218,30 @@ async fn commands(State(api): State<HubApi>, headers: HeaderMap) -> Response<Bod
 async fn site(State(api): State<HubApi>, Path(name): Path<String>) -> Response<Body> {
     let found = call(&api.calls, |to| HubCall::Site(name, to)).await;
     answer::json(found.and_then(|found| found))
+}
+
+/// Removes a site, to its end, even if the caller goes away: that somebody did it is always told.
+async fn remove(
+    State(api): State<HubApi>,
+    Extension(caller): Extension<Caller>,
+    Path(name): Path<String>,
+) -> Response<Body> {
+    to_its_end(async move {
+        let removed = call(&api.calls, |to| HubCall::Remove(name, to)).await;
+        let removed = removed.and_then(|removed| removed);
+        if let Ok(FleetRemoval { removed, .. }) = &removed {
+            note_change(&caller, "site_removed", removed);
+        }
+        answer::json(removed)
+    })
+    .await
+}
+
+/// Reports a change of a site, and who made it.
+fn note_change(who: &Caller, what: &str, site: &str) {
+    let origin = who.origin();
+    let (by, via) = (origin.who, origin.via);
+    out::note(&format!("sites: {what} {site} by {by} via {via}"));
 }
 
 async fn document() -> Response<Body> {

@@ -209,7 +209,8 @@ codes! {
     }
     NoSite = "E0836" {
         title: ["the fleet has no such site", "站群中没有该站点"],
-        likely: ["a typing mistake · it never had a session", "输入错误 · 从未建立会话"],
+        likely: ["a typing mistake · it never had a session · it was removed",
+            "输入错误 · 从未建立会话 · 已被移除"],
         next: ["railbus fleet ls", "railbus fleet ls"],
     }
     ExportNoOutlet = "E0838" {

