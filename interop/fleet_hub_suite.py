@@ -552,6 +552,73 @@ def two(s, hub, other):
     other.end(signal.SIGKILL)
 
 
+def held(s, name):
+    """How many messages of a site each stream holds."""
+    async def counts():
+        centre = await s.fleet.connect(s.fleet.hub("hub.creds"), "_INBOX.hub")
+        streams, found = centre.jetstream(timeout=PATIENCE), {}
+        for stream in ("STATE", "DATA"):
+            info = await streams.stream_info(stream, subjects_filter=f"rb.up.{name}.*")
+            found[stream] = sum((info.state.subjects or {}).values())
+        await centre.close()
+        return found
+
+    return asyncio.run(counts())
+
+
+def removed(s, hub, other, silent_site):
+    """A site that is gone is removed, from all processes and from the streams. If it comes back, it
+    is a new one."""
+    entry, name = "a site that is removed", silent_site.name
+    other.start()
+    for each in (hub, other):
+        is_so(s, entry, lambda each=each: each.site(name).get("presence"), "offline", "known")
+    s.check(entry, {stream: count > 0 for stream, count in held(s, name).items()},
+            {"STATE": True, "DATA": True}, "the servers hold something of it")
+    kept = held(s, SITE)
+    code, _, said = hub.run("remove", SITE)
+    s.check(entry, (code, "E0179" in said), (1, True), f"one that is online: {said}")
+    code, _, said = hub.run("remove", "nowhere")
+    s.check(entry, (code, "E0836" in said), (8, True), "one that never was")
+    code, said, note = hub.run("remove", name)
+    s.check(entry, (code, said, "railbus fleet revoke" in note), (0, f"{name} removed\n", True),
+            f"railbus fleet remove: {note}")
+    for each in (hub, other):
+        is_so(s, entry, lambda each=each: each.site(name), {}, "no process knows it")
+        listed = [site["site"] for site in each.sites()["sites"]]
+        s.check(entry, (name in listed, SITE in listed), (False, True), "nor lists it")
+        code, _, said = each.run("get", name)
+        s.check(entry, (code, "E0836" in said), (8, True), "railbus fleet get")
+    s.check(entry, held(s, name), {"STATE": 0, "DATA": 0}, "the servers hold nothing of it")
+    now = held(s, SITE)
+    s.check(entry, (now["STATE"], now["DATA"] >= kept["DATA"]), (1, True), "of others they do")
+    code, _, said = other.run("remove", name)
+    s.check(entry, (code, "E0836" in said), (8, True), "removed twice")
+    hub.end(signal.SIGTERM)
+    hub.start()
+    s.check(entry, hub.site(name), {}, "nor does one that starts anew")
+    site = Site(s.fleet, name)
+    try:
+        # A late state of before is of no session, and is not shown.
+        site.state(NO_SESSION, 9, k1=True)
+        # The run that it was, which none but a new site could be again.
+        session = site.hello(1, 1)
+        s.check(entry, len(session), 32, "it is admitted")
+        site.beat(session)
+        for each in (hub, other):
+            is_so(s, entry, lambda each=each: each.site(name).get("presence"), "online", "there")
+            s.check(entry, each.point(name, "m.k1"), [], "nothing is known of its points")
+        site.state(session, 0, k2=True)
+        site.beat(session)
+        for each in (hub, other):
+            is_so(s, entry, lambda each=each: each.point(name, "m.k2"),
+                  (True, "good", None, True), "but what it says now")
+            s.check(entry, each.point(name, "m.k1"), [], "and nothing else")
+    finally:
+        site.close()
+    other.end(signal.SIGKILL)
+
+
 def servers_away(s, hub):
     """Without servers nothing is known, and nothing is said to be offline."""
     entry = "a centre without servers"
@@ -587,6 +654,7 @@ def suite():
                 incomplete(s, hub, site, session)
                 answers_badly(s, hub, site, session)
                 silent(s, hub, site)
+                removed(s, hub, other, site)
                 two(s, hub, other)
                 servers_away(s, hub)
         finally:

@@ -3,7 +3,7 @@
 use super::http::send;
 use super::{api_path, plain, read};
 use hyper::Method;
-use railbus_api::fleet::{FleetAccounts, FleetCommands, FleetSitePoints, FleetSites};
+use railbus_api::fleet::{FleetAccounts, FleetCommands, FleetRemoval, FleetSitePoints, FleetSites};
 use railbus_api::problem::{Problem, codes};
 use railbus_app::socket;
 use serde::de::DeserializeOwned;
@@ -61,6 +61,19 @@ impl HubClient {
     /// There is no such site, or the centre can't be reached.
     pub async fn site(&self, name: &str) -> Result<FleetSitePoints, Problem> {
         self.get(&format!("/fleet/v1/sites/{name}")).await
+    }
+
+    /// Removes a site that is offline.
+    ///
+    /// # Errors
+    /// There is no such site, it is not known to be offline, or the centre can't be reached.
+    pub async fn remove(&self, name: &str) -> Result<FleetRemoval, Problem> {
+        let path = format!("/fleet/v1/sites/{name}");
+        let answer = send(&self.socket, Method::DELETE, &path, Vec::new()).await;
+        let answer = answer.map_err(unreached)?;
+        // It answered that it was done: only its answer could not be read.
+        let said = read(&self.socket, &answer.whole().await?);
+        said.map_err(|problem| problem.perhaps_acted(true))
     }
 
     /// The newest commands to sites, the newest last.

@@ -485,8 +485,9 @@ const FINDINGS: &[FindingKind] = &[
             "守护进程或计算机已停止 · 网络中断 · 密钥到期或已吊销 · 站点时钟有误",
         ],
         [
-            "at the site: railbus outlet list shows why it does not connect",
-            "在站点上运行 railbus outlet list 查看未连接的原因",
+            "at the site: railbus outlet list shows why it does not connect. One that is gone for \
+             good: railbus fleet remove SITE",
+            "在站点上运行 railbus outlet list 查看未连接的原因；已永久停用的站点：railbus fleet remove 站点",
         ],
     ),
     finding(

@@ -9,6 +9,7 @@ mod get;
 mod init;
 mod join;
 mod ls;
+mod remove;
 #[cfg(feature = "fleet")]
 mod revoke;
 #[cfg(feature = "fleet")]
@@ -51,6 +52,7 @@ pub(crate) fn define(lang: Lang) -> Command {
     group
         .subcommand(ls::define(lang))
         .subcommand(get::define(lang))
+        .subcommand(remove::define(lang))
         .subcommand(commands::define(lang))
 }
 
@@ -82,6 +84,7 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         #[cfg(feature = "fleet")]
         serve::NAME => serve::run(lang, matches),
         ls::NAME => ls::run(&context, matches),
+        remove::NAME => remove::run(&context, matches),
         commands::NAME => commands::run(&context, matches),
         _ => get::run(&context, matches),
     }

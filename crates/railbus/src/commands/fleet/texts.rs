@@ -200,6 +200,21 @@ press Ctrl-C to stop",
     }
     Ls { en: "List the sites of the fleet.", zh: "列出站群的站点。" }
     Get { en: "Show the points of a site, as the centre knows them.", zh: "显示中心所知的站点点位。" }
+    Remove {
+        en: "Remove a site that is gone for good, and what the servers hold of it. It must be \
+            offline. Its key stays valid: if it comes back, it is a new site.",
+        zh: "移除已停用的离线站点及其数据；密钥仍有效，重新连接则为新站点。",
+    }
+    Removed { en: "{site} removed", zh: "已移除 {site}" }
+    NotPurged {
+        en: "the servers still hold its last values until it comes back, and changes for a day",
+        zh: "服务器仍保留其最后的数值，直至再次连接；变化记录再保留一天",
+    }
+    KeepOut {
+        en: "a key that was not revoked stays valid; to keep it out: railbus fleet revoke DIR \
+            {site}",
+        zh: "未吊销的密钥仍然有效；如不再接纳：railbus fleet revoke 文件夹 {site}",
+    }
     CommandsAbout {
         en: "List the commands that were given to sites through the centre, and their results.",
         zh: "列出经中心下达给站点的命令及其结果。",
