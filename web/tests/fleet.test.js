@@ -182,6 +182,7 @@ test("nothing looks fresh while a site, the servers or the centre are away", { t
     for (const one of [page, far, site]) await one.locator(GREEN).first().waitFor();
 
     fleet.suspend("plant2");
+    fleet.suspend("plant3");
     await far.bringToFront();
     await none(far);
     await far.locator("p.lost", { hasText: "plant2" }).waitFor();
@@ -191,8 +192,18 @@ test("nothing looks fresh while a site, the servers or the centre are away", { t
     await none(site);
     await site.getByText(t("fleet_pages_away")).waitFor();
     await page.getByRole("button", { name: /to look at/ }).click();
-    await page.waitForFunction(() => document.querySelectorAll("tbody tr").length === 1);
+    await page.waitForFunction(() => document.querySelectorAll("tbody tr").length === 2);
     if (process.env.SHOTS) for (const [name, one] of Object.entries({ page, far, site })) await one.screenshot({ path: `${process.env.SHOTS}/away-${name}.png` });
+    // What is gone can be removed.
+    await site.goto(`${fleet.origin}/sites/plant3`);
+    await site.getByRole("button", { name: t("fleet_remove") }).click();
+    assert.deepEqual(await faults(site), []);
+    await site.getByRole("dialog").getByRole("button", { name: t("fleet_remove_yes"), exact: true }).click();
+    await site.waitForURL(`${fleet.origin}/`);
+    await page.getByRole("button", { name: /^All 2/ }).waitFor();
+    await site.goto(`${fleet.origin}/sites/plant3`);
+    await site.getByText(t("fleet_site_none").replace("{name}", "plant3")).waitFor();
+    await site.goto(`${fleet.origin}/sites/plant2`);
     fleet.resume("plant2");
     await far.bringToFront();
     await far.locator(".connection.live").waitFor({ state: "attached" });
@@ -304,7 +315,7 @@ test("a search that is refused can be changed", async () => {
   try {
     await page.goto(`${fleet.origin}/?search=a+b+c+d+e+f+g+h+i`);
     await page.getByRole("alert").filter({ hasText: "E0806" }).waitFor();
-    await page.getByRole("searchbox").fill("plant3");
+    await page.getByRole("searchbox").fill("plant2");
     await page.waitForFunction(() => document.querySelectorAll("tbody tr").length === 1);
     assert.deepEqual(await faults(page), []);
   } finally {
