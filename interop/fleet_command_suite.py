@@ -12,7 +12,7 @@ import threading
 import time
 
 from fleet import Fleet, asked, messages
-from fleet_hub_suite import Hub, Site, is_so
+from fleet_centre import Hub, Site, is_so
 from fleet_uplink_suite import SITE, Plant
 from modbus_tcp import HOST, PATIENCE, PROGRAM, until
 from rig import Tally, free_port

@@ -10,7 +10,7 @@ import time
 
 from fleet import (
     Fleet, claims_of, forbidden, inside, messages, railbus, signed, write_creds)
-from fleet_hub_suite import Hub
+from fleet_centre import Hub
 from fleet_suite import FOREIGN, PATTERNS
 from modbus_tcp import PATIENCE, until
 from outlet_plant import OutletPlant

@@ -715,6 +715,7 @@ a centre that is suspended
 machines with one key
 not all has arrived
 a site that is silent
+groups of sites
 a site that is removed
 two processes of the centre
 a centre without servers

@@ -29,8 +29,36 @@ pub struct FleetSites {
     #[serde(default)]
     #[schema(required)]
     pub counts: FleetCounts,
+    /// The groups that sites are in, by name, 1000 at most.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub groups: Vec<FleetGroup>,
     /// The sites, by name.
     pub sites: Vec<FleetSite>,
+}
+
+/// A group of sites.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct FleetGroup {
+    /// Its name.
+    pub group: String,
+    /// How many sites are in it.
+    pub sites: usize,
+}
+
+/// `PUT /fleet/v1/sites/{site}/groups`: the groups that a site is in from now on.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct SetSiteGroups {
+    /// At most 16, each of 1 to 64 of a-z, 0-9, - and _; none takes it out of all.
+    pub groups: Vec<String>,
+}
+
+/// The answer to `PUT /fleet/v1/sites/{site}/groups`: the site. One that never reported is unknown.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct FleetSiteTold {
+    /// The version of the API.
+    pub schema: u8,
+    /// The site.
+    pub site: FleetSite,
 }
 
 /// How many sites there are.
@@ -133,6 +161,9 @@ pub struct FleetSite {
     /// refused.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub duplicate_ms: Option<u64>,
+    /// The groups that it is in, by name.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub groups: Vec<String>,
     /// Why somebody should look at it.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub attention: Vec<FleetAttention>,

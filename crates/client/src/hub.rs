@@ -3,7 +3,10 @@
 use super::http::send;
 use super::{api_path, plain, read};
 use hyper::Method;
-use railbus_api::fleet::{FleetAccounts, FleetCommands, FleetRemoval, FleetSitePoints, FleetSites};
+use railbus_api::fleet::{
+    FleetAccounts, FleetCommands, FleetRemoval, FleetSitePoints, FleetSiteTold, FleetSites,
+    SetSiteGroups,
+};
 use railbus_api::problem::{Problem, codes};
 use railbus_app::socket;
 use serde::de::DeserializeOwned;
@@ -55,6 +58,31 @@ impl HubClient {
         self.get("/fleet/v1/sites").await
     }
 
+    /// The sites of this group, of which the name is as it must be.
+    ///
+    /// # Errors
+    /// It can't be reached.
+    pub async fn sites_in(&self, group: &str) -> Result<FleetSites, Problem> {
+        self.get(&format!("/fleet/v1/sites?group={group}")).await
+    }
+
+    /// Sets the groups that a site is in.
+    ///
+    /// # Errors
+    /// They can't be stored, or the centre can't be reached.
+    pub async fn set_groups(
+        &self,
+        site: &str,
+        groups: &[String],
+    ) -> Result<FleetSiteTold, Problem> {
+        let wanted = SetSiteGroups {
+            groups: groups.to_vec(),
+        };
+        let body = serde_json::to_vec(&wanted).unwrap_or_default();
+        let path = format!("/fleet/v1/sites/{site}/groups");
+        self.act(Method::PUT, &path, body).await
+    }
+
     /// A site with its points.
     ///
     /// # Errors
@@ -69,11 +97,7 @@ impl HubClient {
     /// There is no such site, it is not known to be offline, or the centre can't be reached.
     pub async fn remove(&self, name: &str) -> Result<FleetRemoval, Problem> {
         let path = format!("/fleet/v1/sites/{name}");
-        let answer = send(&self.socket, Method::DELETE, &path, Vec::new()).await;
-        let answer = answer.map_err(unreached)?;
-        // It answered that it was done: only its answer could not be read.
-        let said = read(&self.socket, &answer.whole().await?);
-        said.map_err(|problem| problem.perhaps_acted(true))
+        self.act(Method::DELETE, &path, Vec::new()).await
     }
 
     /// The newest commands to sites, the newest last.
@@ -103,7 +127,17 @@ impl HubClient {
         body: &Value,
     ) -> Result<Value, Problem> {
         let body = serde_json::to_vec(body).unwrap_or_default();
-        let answer = send(&self.socket, method, &api_path(path), body).await;
+        self.act(method, &api_path(path), body).await
+    }
+
+    /// A request that changes something.
+    async fn act<T: DeserializeOwned>(
+        &self,
+        method: Method,
+        path: &str,
+        body: Vec<u8>,
+    ) -> Result<T, Problem> {
+        let answer = send(&self.socket, method, path, body).await;
         let answer = answer.map_err(unreached)?;
         // It answered that it was done: only its answer could not be read.
         let said = read(&self.socket, &answer.whole().await?);

@@ -6,6 +6,7 @@
 //! from any other session are ignored.
 
 mod fastest;
+mod groups;
 mod known;
 mod removal;
 mod session;
@@ -17,6 +18,8 @@ use crate::message::{
 use crate::names::is_site_name;
 use crate::uplink::is_token;
 use fastest::Fastest;
+use groups::HeardDocument;
+pub use groups::{GROUPS_MAX, document_subject, site_document};
 pub use known::KnownPoint;
 use known::KnownSite;
 use prost::Message as _;
@@ -55,8 +58,8 @@ const BEFORE_MAX: usize = 8;
 pub enum CentreInput<'i> {
     /// The centre is subscribed.
     Connected,
-    /// The connection is lost. Leases passed in before the next [`CentreInput::Connected`] are the
-    /// latest ones, whatever their revision.
+    /// The connection is lost. Leases and documents passed in before the next
+    /// [`CentreInput::Connected`] are the latest ones, whatever their revision.
     Lost,
     /// A site requests its session: request number, site, payload, and an unguessable name for the
     /// new session.
@@ -67,6 +70,8 @@ pub enum CentreInput<'i> {
     Lease(&'i str, &'i [u8], u64),
     /// A site is to be removed: request number, site, and an unguessable name that no session gets.
     Remove(u64, &'i str, String),
+    /// What people say of a site: site, document, revision.
+    Document(&'i str, &'i [u8], u64),
     /// The result of [`CentreOutput::Store`] or [`CentreOutput::StoreRemoval`] with this request
     /// number.
     Stored(u64, StoreEnd),
@@ -165,6 +170,8 @@ struct CentreSite {
     holder: Option<Holder>,
     beat: Option<HeardBeat>,
     known: KnownSite,
+    /// What people say of it.
+    document: Option<HeardDocument>,
     /// The last state of an unknown session, encoded.
     early_state: Vec<u8>,
     /// The latest unknown session, and since when heartbeats come in unknown ones.
@@ -207,7 +214,7 @@ impl Centre {
     /// Something happened, at this time since the start.
     pub fn handle(&mut self, now: Duration, input: CentreInput<'_>) {
         match input {
-            CentreInput::Connected => self.listens = Some(now),
+            CentreInput::Connected => self.connected(now),
             CentreInput::Lost => self.lost(),
             CentreInput::Hello(number, site, payload, session) => {
                 self.hello(now, number, (site, payload, session), false);
@@ -215,6 +222,9 @@ impl Centre {
             CentreInput::Said(site, what, payload) => self.said(now, site, what, payload),
             CentreInput::Lease(site, payload, revision) => {
                 self.lease_document(now, site, (payload, revision), false);
+            }
+            CentreInput::Document(site, payload, revision) => {
+                self.document(site, payload, revision);
             }
             CentreInput::Remove(number, site, name) => self.remove(now, number, site, name),
             CentreInput::Stored(number, end) => self.stored(now, number, end),
@@ -259,6 +269,7 @@ impl Centre {
         let heard = beat.map(|beat| ago(beat.at));
         let is_new = holder.is_some_and(|holder| ago(holder.since) <= ONLINE);
         let presence = match (self.listens, heard) {
+            _ if !site.is_there() => SitePresence::Unknown,
             (None, _) => SitePresence::Unknown,
             (Some(_), Some(heard)) if heard <= ONLINE => SitePresence::Online,
             (Some(since), None) if ago(since) <= ONLINE || is_new => SitePresence::Unknown,
@@ -286,6 +297,7 @@ impl Centre {
                 .and_then(|beat| beat.beat.key_expires_s)
                 .or_else(|| lease.and_then(|lease| lease.key_expires_s)),
             duplicate: site.duplicate.map(ago),
+            groups: site.groups(),
             points: site.known.points(),
             paths: site.known.paths(),
         }
@@ -315,6 +327,9 @@ impl Centre {
             site.incomplete_since = None;
             site.reading_lease = None;
             site.retry = None;
+            if let Some(document) = &mut site.document {
+                document.lost();
+            }
             if let Some(holder) = &mut site.holder {
                 holder.revision = 0;
             }

@@ -528,6 +528,14 @@ impl SessionLease {
     }
 }
 
+/// A document of the centre: what people say of a site.
+#[derive(Clone, PartialEq, Eq, prost::Message)]
+pub struct SiteDocument {
+    /// The groups that it is in.
+    #[prost(string, repeated, tag = "1")]
+    pub groups: Vec<String>,
+}
+
 /// A run that had the session of a site before.
 #[derive(Clone, PartialEq, Eq, prost::Message)]
 pub struct EarlierRun {

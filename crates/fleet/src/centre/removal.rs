@@ -127,7 +127,8 @@ impl Centre {
     pub(super) fn forgets_a_removed_one(&mut self) -> bool {
         let is_over = |site: &CentreSite| {
             let holder = site.holder.as_ref();
-            holder.is_some_and(|holder| holder.lease.is_removal()) && site.reading_lease.is_none()
+            let is_removed = holder.is_some_and(|holder| holder.lease.is_removal());
+            is_removed && site.reading_lease.is_none() && site.document.is_none()
         };
         let found = self.sites.iter().find(|(_, site)| is_over(site));
         let Some(name) = found.map(|(name, _)| name.clone()) else {
@@ -144,6 +145,10 @@ impl CentreSite {
         self.duplicate = None;
         self.vouched = None;
         self.state_requested = None;
+        let removed = self.holder.as_ref().map_or(0, |holder| holder.revision);
+        // What was said of it since is of the next site of this name.
+        self.document
+            .take_if(|document| document.is_before(removed));
         // The state of the next session may arrive before its lease.
         let early = SiteState::decode(&*self.early_state).ok();
         if early.is_some_and(|early| self.was_in(&early.session)) {

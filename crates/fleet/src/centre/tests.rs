@@ -1,3 +1,4 @@
+mod groups;
 mod play;
 mod points;
 mod removal;

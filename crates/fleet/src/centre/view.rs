@@ -63,6 +63,8 @@ pub struct SiteView<'c> {
     pub key_expires_s: Option<i64>,
     /// How long ago another machine with the site's key was refused the session.
     pub duplicate: Option<Duration>,
+    /// The groups that it is in, by name.
+    pub groups: &'c [String],
     /// Its points, by path.
     pub points: &'c BTreeMap<String, KnownPoint>,
     /// Their paths in lower case, a line each.
@@ -103,12 +105,16 @@ impl SiteView<'_> {
     }
 
     /// Whether all of these words, in lower case and without spaces, are found: each in its name,
-    /// its version or the path of one of its points.
+    /// its version, the name of one of its groups or the path of one of its points.
     #[must_use]
     pub fn has_words(&self, words: &[String]) -> bool {
         words.iter().all(|word| {
             // Names are in lower case.
             self.name.contains(word.as_str())
+                || self
+                    .groups
+                    .iter()
+                    .any(|group| group.contains(word.as_str()))
                 || self.paths.contains(word.as_str())
                 || self.version.to_lowercase().contains(word.as_str())
         })
@@ -136,6 +142,7 @@ mod tests {
             version: "1.2.0-RC1",
             key_expires_s: Some(NOW_S + 21 * DAY_S),
             duplicate: Some(COPY_GONE),
+            groups: &[],
             points,
             paths: "oven.k1\noven.k2\nhall.temperature\n",
         }
@@ -204,7 +211,11 @@ mod tests {
     #[test]
     fn a_site_is_found_by_its_name_its_version_and_its_points() {
         let points = BTreeMap::new();
-        let well = well(&points);
+        let groups = ["hall-9".to_owned(), "north".to_owned()];
+        let well = SiteView {
+            groups: &groups,
+            ..well(&points)
+        };
         let has = |words: &str| {
             let words: Vec<_> = words.split(' ').map(str::to_owned).collect();
             well.has_words(&words)
@@ -216,10 +227,18 @@ mod tests {
             "oven.k1",
             "temperature 1.2 plant",
             "k2 k1",
+            "nor hall-9 oven",
         ] {
             assert!(has(words), "{words}");
         }
-        for words in ["plant8", "oven.k3", "plant7 oven.k3", "k1oven", "RC1"] {
+        for words in [
+            "9north",
+            "plant8",
+            "oven.k3",
+            "plant7 oven.k3",
+            "k1oven",
+            "RC1",
+        ] {
             assert!(!has(words), "{words}");
         }
     }

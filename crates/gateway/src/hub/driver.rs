@@ -1,5 +1,6 @@
 //! Drives the centre.
 
+mod groups;
 mod removal;
 
 use super::HubText;
@@ -16,7 +17,8 @@ use crate::nats::next;
 use crate::northbound::broker::session::Tries;
 use crate::{warn, warn_of};
 use async_nats::{Message, Subject};
-use railbus_api::fleet::{FleetCommands, FleetRemoval, FleetSitePoints, FleetSites};
+use groups::SetGroups;
+use railbus_api::fleet::{FleetCommands, FleetRemoval, FleetSitePoints, FleetSiteTold, FleetSites};
 use railbus_api::problem::{Problem, codes};
 use railbus_app::failure::Failure;
 use railbus_fleet::centre::{Centre, CentreInput, CentreOutput, StoreEnd};
@@ -55,6 +57,12 @@ pub(super) enum HubCall {
     Command(GivenCommand, oneshot::Sender<Result<CommandTold, Problem>>),
     /// A site is to be removed; the problem if it was not, or that is not known.
     Remove(String, oneshot::Sender<Result<FleetRemoval, Problem>>),
+    /// A site is to be in these groups; the problem if it is not, or that is not known.
+    Groups(
+        String,
+        Vec<String>,
+        oneshot::Sender<Result<FleetSiteTold, Problem>>,
+    ),
     /// The newest commands.
     Commands(oneshot::Sender<FleetCommands>),
 }
@@ -68,6 +76,8 @@ enum StreamEnd {
     /// Of removing a site: request number, result of storing it, whether what streams held was
     /// deleted, and the problem if there was one.
     Removed(u64, StoreEnd, bool, Option<Problem>),
+    /// Of storing the groups of a site.
+    GroupsStored(SetGroups, StoreEnd, Option<Problem>),
     /// Of storing a record of a command.
     RecordStored(CommandId, StoreEnd, Option<Problem>),
     /// Of reading the latest one; none if that failed.
@@ -116,7 +126,8 @@ enum LinkEnd {
 enum Heard {
     Hello(Message),
     Said(Message),
-    Lease(String, Vec<u8>, u64),
+    /// A document of the stream FLEET: subject, content and number.
+    Fleet(String, Vec<u8>, u64),
     Record(Document),
     End(StreamEnd),
     Call(HubCall),
@@ -129,7 +140,7 @@ fn ended(reason: &dyn ToString) -> Problem {
     Problem::new(codes::FLEET_ENDED).with("reason", reason.to_string())
 }
 
-/// The site in a subject: its word at this place, from 0.
+/// A word of a subject, such as its site, at this place, from 0.
 fn site_of(subject: &str, at: usize) -> &str {
     subject.split('.').nth(at).unwrap_or_default()
 }
@@ -211,6 +222,16 @@ impl Driver {
         self.centre.handle(since_boot(), input);
     }
 
+    /// A document of the stream FLEET: a lease, or what people say of a site.
+    fn fleet_document(&mut self, subject: &str, payload: &[u8], number: u64) {
+        let site = site_of(subject, 3);
+        match site_of(subject, 2) {
+            "lease" => self.handle(CentreInput::Lease(site, payload, number)),
+            "site" => self.handle(CentreInput::Document(site, payload, number)),
+            _ => {}
+        }
+    }
+
     fn lost(&mut self) {
         self.handle(CentreInput::Lost);
         self.note(LedgerInput::Lost);
@@ -254,10 +275,7 @@ impl Driver {
                     let site = site_of(subject, 2);
                     self.handle(CentreInput::Said(site, "state", payload));
                 }
-                false => {
-                    let site = site_of(subject, 3);
-                    self.handle(CentreInput::Lease(site, payload, document.number));
-                }
+                false => self.fleet_document(subject, payload, document.number),
             }
         }
         let (link, keys) = opened.subscribe(&self.files).await?;
@@ -302,8 +320,8 @@ impl Driver {
                     let site = site_of(&message.subject, 2);
                     self.handle(CentreInput::Said(site, what, &message.payload));
                 }
-                Heard::Lease(site, payload, number) => {
-                    self.handle(CentreInput::Lease(&site, &payload, number));
+                Heard::Fleet(subject, payload, number) => {
+                    self.fleet_document(&subject, &payload, number);
                 }
                 Heard::Record(document) => {
                     if let Some(name) = command_of(&document.subject) {
@@ -334,11 +352,11 @@ impl Driver {
             _ = link.is_up.wait_for(|is_up| !is_up) => broken(&"disconnected"),
             hello = next(&mut link.hellos) => hello.map_or_else(|| broken(&"closed"), Heard::Hello),
             said = next(&mut link.said) => said.map_or_else(|| broken(&"closed"), Heard::Said),
-            lease = next(&mut link.leases) => match lease {
-                Some(Ok(lease)) => match lease.info() {
+            document = next(&mut link.fleet) => match document {
+                Some(Ok(document)) => match document.info() {
                     Ok(info) => {
-                        let site = site_of(&lease.subject, 3).to_owned();
-                        Heard::Lease(site, lease.payload.to_vec(), info.stream_sequence)
+                        let subject = document.subject.to_string();
+                        Heard::Fleet(subject, document.payload.to_vec(), info.stream_sequence)
                     }
                     Err(error) => broken(&error),
                 },
@@ -414,6 +432,7 @@ impl Driver {
                 });
                 self.handle(CentreInput::LeaseRead(&site, found));
             }
+            StreamEnd::GroupsStored(set, end, problem) => self.groups_stored(set, end, problem),
             StreamEnd::Removed(number, end, is_purged, problem) => {
                 self.removal_stored(number, (end, is_purged), problem);
             }
@@ -643,6 +662,7 @@ impl Driver {
                 };
                 _ = to.send(way);
             }
+            HubCall::Groups(name, groups, to) => self.set_groups(name, &groups, link, to),
             HubCall::Remove(name, to) => self.remove(name, link.is_some(), to),
             HubCall::Command(given, to) => self.given(given, link, to),
             HubCall::Commands(to) => _ = to.send(view::commands(&self.ledger)),

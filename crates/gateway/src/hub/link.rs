@@ -30,6 +30,8 @@ const SAID: &str = "rb.up.*.*";
 const QUEUE: &str = "hub";
 /// The documents of sessions.
 const LEASES: &str = "rb.fleet.lease.*";
+/// What people say of sites.
+const OF_SITES: &str = "rb.fleet.site.*";
 /// How all points of a site are.
 const STATES: &str = "rb.up.*.state";
 /// What was wanted of sites, and what came of it.
@@ -61,9 +63,9 @@ pub(super) struct Opened {
     client: Client,
     streams: Context,
     is_up: watch::Receiver<bool>,
-    leases: Ordered,
+    fleet: Ordered,
     commands: Ordered,
-    /// The documents of sessions, the last states of sites, and commands.
+    /// The documents of sessions, what people say of sites, the last states of sites, and commands.
     pub(super) documents: Vec<Document>,
 }
 
@@ -86,8 +88,8 @@ pub(super) struct Link {
     pub(super) hellos: Subscriber,
     /// All else that sites say, in the order in which each said it.
     pub(super) said: Subscriber,
-    /// Documents of sessions as they are stored.
-    pub(super) leases: Ordered,
+    /// Documents of sessions, and what people say of sites, as they are stored.
+    pub(super) fleet: Ordered,
     /// What is wanted of sites and came of it, as it is stored.
     pub(super) commands: Ordered,
     /// Answers requests for keys.
@@ -221,19 +223,19 @@ impl Opened {
         };
         let mut documents = Vec::new();
         let last = DeliverPolicy::LastPerSubject;
-        let leases = read(fleet, (LEASES, last), &mut documents).await?;
-        read(states, (STATES, last), &mut documents).await?;
+        let fleet = read(fleet, (&[LEASES, OF_SITES], last), &mut documents).await?;
+        read(states, (&[STATES], last), &mut documents).await?;
         // By the servers' clocks: this machine's may be wrong.
         let newest = ledger.cached_info().state.last_timestamp;
         let since = DeliverPolicy::ByStartTime {
             start_time: newest - COMMANDS_READ,
         };
-        let commands = read(ledger, (COMMANDS, since), &mut documents).await?;
+        let commands = read(ledger, (&[COMMANDS], since), &mut documents).await?;
         Ok(Opened {
             client,
             streams,
             is_up,
-            leases,
+            fleet,
             commands,
             documents,
         })
@@ -267,7 +269,7 @@ impl Opened {
             is_up: self.is_up,
             hellos,
             said,
-            leases: self.leases,
+            fleet: self.fleet,
             commands: self.commands,
             _keys: keys,
         };
@@ -295,12 +297,12 @@ impl Link {
 /// Reads these messages; what comes after them is in the stream that is returned.
 async fn read(
     stream: &NatsStream,
-    (subjects, deliver_policy): (&str, DeliverPolicy),
+    (subjects, deliver_policy): (&[&str], DeliverPolicy),
     into: &mut Vec<Document>,
 ) -> Result<Ordered, Problem> {
     let config = OrderedConfig {
         deliver_policy,
-        filter_subject: subjects.to_owned(),
+        filter_subjects: subjects.iter().map(ToString::to_string).collect(),
         ..OrderedConfig::default()
     };
     let consumer: Consumer<OrderedConfig> = stream

@@ -9,6 +9,7 @@ use super::view::SCHEMA;
 use crate::access::{
     AccountsApi, Caller, Need, Reach, SESSION_ROUTES, USER_ROUTES, check, to_its_end,
 };
+use crate::body;
 use crate::doc::Doc;
 use crate::guard::Front;
 use crate::language::spoken;
@@ -21,10 +22,11 @@ use axum::extract::{DefaultBodyLimit, Path, State};
 use axum::http::header::ACCEPT_LANGUAGE;
 use axum::http::{HeaderMap, Method, Response, StatusCode, Uri};
 use axum::middleware::{from_fn, from_fn_with_state};
-use axum::routing::{any, delete, get};
+use axum::routing::{any, delete, get, put};
 use axum::{Extension, Router};
 use railbus_api::fleet::{
-    FleetAccounts, FleetCommand, FleetCommands, FleetRemoval, FleetSitePoints, FleetSites,
+    FleetAccounts, FleetCommand, FleetCommands, FleetRemoval, FleetSitePoints, FleetSiteTold,
+    FleetSites, SetSiteGroups,
 };
 use railbus_api::problem::{Problem, codes};
 use railbus_app::render::out;
@@ -53,6 +55,14 @@ const ROUTES: &[Route] = &[
     Route::of_hub("DELETE", "/sites/{site}", Need::ADMIN, || delete(remove)).doc(
         Doc::new("Remove a site that is offline. Its key stays valid: it can come back")
             .answers::<FleetRemoval>(),
+    ),
+    Route::of_hub("PUT", "/sites/{site}/groups", Need::ENGINEER, || {
+        put(set_groups)
+    })
+    .doc(
+        Doc::new("Set the groups that a site is in, also before it joins")
+            .takes::<SetSiteGroups>()
+            .answers::<FleetSiteTold>(),
     ),
     Route::of_hub("GET", "/commands", Need::VIEWER, || get(commands))
         .doc(Doc::new("The newest commands to sites, the newest last").answers::<FleetCommands>()),
@@ -171,6 +181,7 @@ fn own_routes(api: HubApi, is_owner: bool) -> Router {
     };
     let routes = ROUTES.iter().filter(is_there).fold(Router::new(), add);
     routes
+        .layer(DefaultBodyLimit::max(BODY_MAX))
         .layer(from_fn(localize::only_problems))
         .with_state(api)
 }
@@ -230,18 +241,45 @@ async fn remove(
         let removed = call(&api.calls, |to| HubCall::Remove(name, to)).await;
         let removed = removed.and_then(|removed| removed);
         if let Ok(FleetRemoval { removed, .. }) = &removed {
-            note_change(&caller, "site_removed", removed);
+            note_change(&caller, &format!("site_removed {removed}"));
         }
         answer::json(removed)
     })
     .await
 }
 
+/// Sets the groups of a site, to the end, too.
+async fn set_groups(
+    State(api): State<HubApi>,
+    Extension(caller): Extension<Caller>,
+    Path(name): Path<String>,
+    body: Bytes,
+) -> Response<Body> {
+    to_its_end(async move {
+        let wanted: SetSiteGroups = match body::parse(&body) {
+            Ok(wanted) => wanted,
+            Err(error) => {
+                let problem = Problem::new(codes::BAD_REQUEST);
+                return answer::problem(&problem.with("reason", error.to_string()));
+            }
+        };
+        let set = call(&api.calls, |to| HubCall::Groups(name, wanted.groups, to)).await;
+        let set = set.and_then(|set| set);
+        if let Ok(FleetSiteTold { site, .. }) = &set {
+            let groups = site.groups.join(" ");
+            let what = format!("groups_set {} {groups}", site.site);
+            note_change(&caller, what.trim_end());
+        }
+        answer::json(set)
+    })
+    .await
+}
+
 /// Reports a change of a site, and who made it.
-fn note_change(who: &Caller, what: &str, site: &str) {
+fn note_change(who: &Caller, what: &str) {
     let origin = who.origin();
     let (by, via) = (origin.who, origin.via);
-    out::note(&format!("sites: {what} {site} by {by} via {via}"));
+    out::note(&format!("sites: {what} by {by} via {via}"));
 }
 
 async fn document() -> Response<Body> {

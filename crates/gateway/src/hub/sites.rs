@@ -2,7 +2,7 @@
 
 use super::view::{SCHEMA, site};
 use crate::events::unreadable;
-use railbus_api::fleet::{FleetCounts, FleetSites, HubConnection};
+use railbus_api::fleet::{FleetCounts, FleetGroup, FleetSites, HubConnection};
 use railbus_api::problem::{Problem, codes};
 use railbus_fleet::centre::{Centre, SitePresence, SiteView};
 use railbus_fleet::ledger::Ledger;
@@ -12,17 +12,21 @@ use std::time::Duration;
 /// The longest search, in bytes, and the most words of it.
 const SEARCH_MAX: usize = 256;
 const WORDS_MAX: usize = 8;
+/// The most groups that are told.
+const GROUPS_TOLD: usize = 1_000;
 
 /// The parameters, with descriptions.
 pub(super) const QUERY: &[(&str, &str)] = &[
     (
         "search",
-        "words, all of which are found in its name, its version or the paths of its points",
+        "words, all of which are found in its name, its version, its groups or the paths of its \
+         points",
     ),
     (
         "state",
         "online, offline, unknown, or attention: somebody should look at it",
     ),
+    ("group", "the group that it is in"),
     ("limit", "how many are listed; all where it is not said"),
     ("offset", "how many are left out before these"),
 ];
@@ -33,6 +37,7 @@ pub(super) struct SitesWanted {
     /// In lower case.
     words: Vec<String>,
     state: Option<StateWanted>,
+    group: Option<String>,
     limit: Option<usize>,
     offset: usize,
 }
@@ -75,6 +80,7 @@ impl SitesWanted {
         Ok(SitesWanted {
             words,
             state,
+            group: asked.get("group").cloned(),
             limit: number("limit")?,
             offset: number("offset")?.unwrap_or_default(),
         })
@@ -88,7 +94,8 @@ impl SitesWanted {
             Some(StateWanted::Unknown) => view.presence == SitePresence::Unknown,
             Some(StateWanted::Attention) => has_attention,
         };
-        is_so && view.has_words(&self.words)
+        let is_in = |group: &String| view.groups.contains(group);
+        is_so && self.group.as_ref().is_none_or(is_in) && view.has_words(&self.words)
     }
 }
 
@@ -108,6 +115,7 @@ pub(super) fn sites(
         },
         total: 0,
         counts: FleetCounts::default(),
+        groups: groups(centre),
         sites: Vec::new(),
     };
     let end = wanted
@@ -132,6 +140,15 @@ pub(super) fn sites(
         told.total += 1;
     }
     told
+}
+
+fn groups(centre: &Centre) -> Vec<FleetGroup> {
+    let groups = centre.groups().into_iter().take(GROUPS_TOLD);
+    let told = |(group, sites): (&str, usize)| FleetGroup {
+        group: group.to_owned(),
+        sites,
+    };
+    groups.map(told).collect()
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use async_nats::jetstream::context::{GetStreamErrorKind, PublishError, PublishEr
 use async_nats::jetstream::message::PublishMessage;
 use async_nats::jetstream::stream::LastRawMessageErrorKind;
 use railbus_api::problem::{Problem, codes};
-use railbus_fleet::centre::StoreEnd;
+use railbus_fleet::centre::{StoreEnd, document_subject};
 use std::error::Error as _;
 
 /// The latest document of a subject and its revision; none if there is none.
@@ -96,21 +96,29 @@ fn unusable(reason: &dyn ToString) -> Problem {
     Problem::new(codes::FLEET_STREAMS).with("reason", reason.to_string())
 }
 
-/// Deletes what a site said up to these ends.
+/// Deletes what a site said up to these ends, and what people said of it before this revision.
 ///
 /// # Errors
 /// Some of it is still there.
 pub(super) async fn purge(
     streams: &Context,
     site: &str,
-    StreamEnds(ends): StreamEnds,
+    (StreamEnds(ends), revision): (StreamEnds, u64),
 ) -> Result<(), Problem> {
+    let said = format!("rb.up.{site}.*");
     for (name, last) in ends {
-        let stream = streams.get_stream_no_info(name).await;
-        let stream = stream.map_err(|error| unusable(&error))?;
-        let purge = stream.purge().filter(format!("rb.up.{site}.*"));
-        let purged = purge.sequence(last.saturating_add(1)).await;
-        purged.map_err(|error| unusable(&error))?;
+        purge_before(streams, name, (&said, last.saturating_add(1))).await?;
     }
-    Ok(())
+    purge_before(streams, "FLEET", (&document_subject(site), revision)).await
+}
+
+async fn purge_before(
+    streams: &Context,
+    stream: &str,
+    (subject, number): (&str, u64),
+) -> Result<(), Problem> {
+    let stream = streams.get_stream_no_info(stream).await;
+    let stream = stream.map_err(|error| unusable(&error))?;
+    let purged = stream.purge().filter(subject).sequence(number).await;
+    purged.map(|_| ()).map_err(|error| unusable(&error))
 }

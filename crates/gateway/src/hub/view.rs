@@ -84,6 +84,7 @@ pub(super) fn site(view: &SiteView<'_>, clock_s: i64) -> FleetSite {
             .key_expires_s
             .map(|at| moment(at.saturating_mul(1_000))),
         duplicate_ms: view.duplicate.map(ms),
+        groups: view.groups.to_vec(),
         attention: view.attention(clock_s).map(attention).collect(),
     }
 }

@@ -6,6 +6,7 @@ mod creds;
 mod demo;
 mod enrol;
 mod get;
+mod group;
 mod init;
 mod join;
 mod ls;
@@ -52,6 +53,7 @@ pub(crate) fn define(lang: Lang) -> Command {
     group
         .subcommand(ls::define(lang))
         .subcommand(get::define(lang))
+        .subcommand(group::define(lang))
         .subcommand(remove::define(lang))
         .subcommand(commands::define(lang))
 }
@@ -84,6 +86,7 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         #[cfg(feature = "fleet")]
         serve::NAME => serve::run(lang, matches),
         ls::NAME => ls::run(&context, matches),
+        group::NAME => group::run(&context, matches),
         remove::NAME => remove::run(&context, matches),
         commands::NAME => commands::run(&context, matches),
         _ => get::run(&context, matches),

@@ -74,7 +74,7 @@ impl Driver {
                 Err(problem) => StreamEnd::Removed(number, StoreEnd::Unknown, false, Some(problem)),
                 Ok(ends) => match put(&streams, subject, payload, after).await {
                     (StoreEnd::Stored(revision), _) => {
-                        let purged = purge(&streams, &site, ends).await;
+                        let purged = purge(&streams, &site, (ends, revision)).await;
                         let stored = StoreEnd::Stored(revision);
                         StreamEnd::Removed(number, stored, purged.is_ok(), purged.err())
                     }

@@ -64,6 +64,11 @@ impl Here {
                         let problem = Problem::new(codes::SITE_THERE).with("name", site);
                         let _ = to.send(Err(problem));
                     }
+                    HubCall::Groups(site, groups, to) => {
+                        let _ = told.send(format!("{site}: {}", groups.join(" ")));
+                        let problem = Problem::new(codes::SITE_CHANGING).with("name", site);
+                        let _ = to.send(Err(problem));
+                    }
                     HubCall::Sites(..) | HubCall::Site(..) => {}
                 }
             }
@@ -258,6 +263,34 @@ async fn its_owner_may_all_over_the_socket() {
     assert_eq!(removes, (StatusCode::CONFLICT, "E0179".to_owned()));
     assert_eq!(here.ask(None, "PUT", SITE).await.1, "E0168");
     assert_eq!(here.users.recv().await.as_deref(), Some("owner"));
+}
+
+#[tokio::test]
+async fn an_engineer_sets_the_groups_of_a_site() {
+    let mut here = Here::new("groups");
+    let path = "/fleet/v1/sites/plant7/groups";
+    let mut codes = Vec::new();
+    for (name, role, points) in [
+        ("ops", "operator", &[][..]),
+        ("few", "engineer", &["oven.*"]),
+        ("eng", "engineer", &[]),
+    ] {
+        let bearer = format!("Bearer {}", here.token(name, role, points).await);
+        let headers = [("authorization", &*bearer)];
+        let body = r#"{"groups":["north","hall-9"]}"#;
+        let told = here.send(true, ("PUT", path), &headers, body).await;
+        codes.push(json_of(told).await["code"].clone());
+    }
+    assert_eq!(codes, ["E0905", "E0922", "E0184"]);
+    for body in ["", "[]", "{}", r#"{"groups":"north"}"#, r#"{"groups":[1]}"#] {
+        let told = here.send(false, ("PUT", path), &[], body).await;
+        assert_eq!(json_of(told).await["code"], "E0806", "{body}");
+    }
+    let mut asked = Vec::new();
+    while let Ok(told) = here.users.try_recv() {
+        asked.push(told);
+    }
+    assert_eq!(asked, ["plant7: north hall-9"]);
 }
 
 #[tokio::test]

@@ -3,7 +3,7 @@
 use super::*;
 use prost::Message as _;
 use railbus_api::fleet::FleetAttention;
-use railbus_fleet::centre::CentreInput;
+use railbus_fleet::centre::{CentreInput, site_document};
 use railbus_fleet::message::{
     Beat, DataEntry, DataKind, ReadingQuality, SessionLease, SiteState, UplinkReading,
 };
@@ -200,4 +200,38 @@ fn a_large_fleet_is_searched() {
         println!("{:?}: {query:?}", begun.elapsed());
         assert_eq!(told.total, total, "{query:?}");
     }
+}
+
+#[test]
+fn sites_are_listed_by_their_groups() {
+    let mut centre = three();
+    for (revision, (site, groups)) in (10..).zip([
+        ("plant1", &["north", "pumps"][..]),
+        ("plant2", &["north"]),
+        // One that never reported.
+        ("plant9", &["north", "west"]),
+    ]) {
+        let groups: Vec<_> = groups.iter().map(|group| (*group).to_owned()).collect();
+        let document = site_document(&groups).unwrap();
+        centre.handle(NOW, CentreInput::Document(site, &document, revision));
+    }
+    let names = |query: &[(&str, &str)]| {
+        let told = asked(&centre, query);
+        assert_eq!(told.counts.all, 3);
+        let groups: Vec<_> = told.groups.iter().map(|g| (&*g.group, g.sites)).collect();
+        assert_eq!(groups, [("north", 2), ("pumps", 1)]);
+        let names = told.sites.into_iter().map(|site| site.site);
+        names.collect::<Vec<_>>()
+    };
+    assert_eq!(names(&[("group", "north")]), ["plant1", "plant2"]);
+    assert_eq!(names(&[("group", "nor")]), [""; 0]);
+    assert_eq!(names(&[("group", "west")]), [""; 0]);
+    assert_eq!(names(&[("search", "nor oven.k2")]), ["plant1"]);
+    assert_eq!(names(&[("group", "north"), ("search", "hall")]), ["plant2"]);
+    assert_eq!(asked(&centre, &[]).sites[0].groups, ["north", "pumps"]);
+    let none = serde_json::to_value(asked(&three(), &[])).unwrap();
+    assert_eq!(
+        (none.get("groups"), none["sites"][0].get("groups")),
+        (None, None)
+    );
 }

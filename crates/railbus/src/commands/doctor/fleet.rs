@@ -157,6 +157,7 @@ mod tests {
             version: "0.1.0".to_owned(),
             key_until: Some("2027-02-20T00:00:00Z".to_owned()),
             duplicate_ms: None,
+            groups: Vec::new(),
             attention: Vec::new(),
         }
     }
@@ -171,6 +172,7 @@ mod tests {
             },
             total: sites.len(),
             counts: FleetCounts::default(),
+            groups: Vec::new(),
             sites,
         }
     }

@@ -1,6 +1,7 @@
 //! `railbus fleet ls`: the sites.
 
-use super::FleetText;
+use super::{FleetText, group};
+use crate::args;
 use crate::commands::{Context, ls};
 use clap::{ArgMatches, Command};
 use jiff::Timestamp;
@@ -18,29 +19,44 @@ pub(super) const NAME: &str = "ls";
 
 /// Its parser and help.
 pub(super) fn define(lang: Lang) -> Command {
-    super::verb(lang, NAME, FleetText::Ls, "railbus fleet ls")
+    let usage = "railbus fleet ls [--group NAME]";
+    super::verb(lang, NAME, FleetText::Ls, usage)
+        .arg(args::flag(lang, "group", FleetText::OneGroup).value_name("NAME"))
 }
 
 /// Prints all sites.
 pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure> {
     let lang = context.lang;
-    let told = super::ask(context, matches, async |hub| hub.sites().await)?;
-    let mut table = Table::new(lang.get(FleetText::SitesHead).split('|'));
+    let wanted = matches.get_one::<String>("group");
+    if let Some(name) = wanted {
+        group::named(lang, name, FleetText::BadGroup)?;
+    }
+    let told = super::ask(context, matches, async |hub| match wanted {
+        Some(group) => hub.sites_in(group).await,
+        None => hub.sites().await,
+    })?;
+    let has_groups = told.sites.iter().any(|site| !site.groups.is_empty());
+    let head = lang.get(FleetText::SitesHead).split('|');
+    let groups_head = has_groups.then(|| lang.get(FleetText::GroupsHead));
+    let mut table = Table::new(head.chain(groups_head));
     for site in &told.sites {
-        table.add([
+        let groups = has_groups.then(|| site.groups.join(" "));
+        let cells = [
             site.site.clone(),
             lang.get(state(site)).to_owned(),
             lang.get(values(site)).to_owned(),
             site.heard_ms.map_or_else(dash, |ms| ago(lang, ms)),
             site.behind.map_or_else(dash, |behind| behind.to_string()),
             notes(lang, site),
-        ]);
+        ];
+        table.add(cells.into_iter().chain(groups));
     }
     let shown = Records {
         key: "sites",
         rows: ls::json_of(&told.sites),
         columns: &[
             "site", "presence", "current", "heard_ms", "known_ms", "behind", "points", "version",
+            "groups",
         ],
         value: "site",
         table,

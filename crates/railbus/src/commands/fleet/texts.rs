@@ -200,6 +200,22 @@ press Ctrl-C to stop",
     }
     Ls { en: "List the sites of the fleet.", zh: "列出站群的站点。" }
     Get { en: "Show the points of a site, as the centre knows them.", zh: "显示中心所知的站点点位。" }
+    Group {
+        en: "Set the groups that a site is in, also before it joins; without one it is in none. \
+            railbus fleet ls --group lists the sites of a group.",
+        zh: "设置站点所属的分组，可在加入前设置；不给出则不属于任何分组。",
+    }
+    Groups {
+        en: "Groups, 16 at most: each 1 to 64 of a-z, 0-9, - and _",
+        zh: "分组，最多 16 个：每个 1 至 64 个 a-z、0-9、- 或 _",
+    }
+    OneGroup { en: "Only the sites of this group", zh: "只列出该分组的站点" }
+    BadGroup {
+        en: "a group's name has 1 to 64 of a-z, 0-9, - and _",
+        zh: "分组名由 1 至 64 个 a-z、0-9、- 或 _ 组成",
+    }
+    InGroups { en: "{site} is in {groups}", zh: "{site} 所属分组：{groups}" }
+    InNoGroup { en: "{site} is in no group", zh: "{site} 不属于任何分组" }
     Remove {
         en: "Remove a site that is gone for good, and what the servers hold of it. It must be \
             offline. Its key stays valid: if it comes back, it is a new site.",
@@ -235,6 +251,7 @@ press Ctrl-C to stop",
         en: "SITE|STATE|VALUES|HEARD|BEHIND|NOTE",
         zh: "站点|状态|数值|最近心跳|待送|备注",
     }
+    GroupsHead { en: "GROUPS", zh: "分组" }
     Online { en: "online", zh: "在线" }
     Away { en: "offline", zh: "离线" }
     Unknown { en: "unknown", zh: "未知" }
