@@ -310,6 +310,33 @@ test("whatever was sent as a command is shown in the record", async () => {
   }
 });
 
+for (const look of [LOOKS[0], LOOKS[3]]) {
+  test(`a site is put in a group, and found by it: ${look.lang} ${look.width}`, async () => {
+    const { context, page, t } = await visitor(look);
+    const group = `north-${look.width}`;
+    const dialog = page.getByRole("dialog");
+    try {
+      await page.goto(`${fleet.origin}/sites/plant1`);
+      await page.getByRole("button", { name: t("fleet_groups_edit") }).click();
+      await dialog.getByLabel(t("fleet_groups"), { exact: true }).fill("North!");
+      await dialog.getByRole("button", { name: t("save") }).click();
+      await dialog.getByRole("alert").filter({ hasText: /\S/ }).waitFor();
+      assert.deepEqual(await faults(page), []);
+      await dialog.getByLabel(t("fleet_groups"), { exact: true }).fill(`${group} line-a`);
+      await dialog.getByRole("button", { name: t("save") }).click();
+      await dialog.waitFor({ state: "detached" });
+      await page.locator("dd", { hasText: group }).waitFor();
+      await page.goto(`${fleet.origin}/`);
+      await page.getByRole("combobox").selectOption(group);
+      await page.waitForFunction(() => document.querySelectorAll("tbody tr").length === 1);
+      assert.match(await page.locator("tbody tr").innerText(), /plant1/);
+      assert.deepEqual([...(await faults(page)), ...(await misplaced(page))], []);
+    } finally {
+      await context.close();
+    }
+  });
+}
+
 test("a search that is refused can be changed", async () => {
   const { context, page } = await visitor(DESK);
   try {
