@@ -566,9 +566,9 @@ impl Driver {
 
     /// There is no site of this name; before the first connection that is not known.
     fn no_site(&self, name: &str) -> Problem {
-        match &self.error {
-            Some((problem, _)) if !self.has_read => problem.clone(),
-            _ => Problem::new(codes::NO_SUCH_SITE).with("name", name),
+        match self.has_read {
+            true => Problem::new(codes::NO_SUCH_SITE).with("name", name),
+            false => self.disconnected(),
         }
     }
 

@@ -204,12 +204,20 @@ fn account_routes(accounts: &AccountsApi, is_owner: bool, is_wanted: fn(&Route) 
         .with_state(accounts.clone())
 }
 
-async fn sites(State(api): State<HubApi>, asked: Asked) -> Response<Body> {
+async fn sites(State(api): State<HubApi>, asked: Asked, headers: HeaderMap) -> Response<Body> {
     let wanted = match SitesWanted::of(&asked) {
         Ok(wanted) => wanted,
         Err(problem) => return answer::problem(&problem),
     };
-    answer::json(call(&api.calls, |to| HubCall::Sites(wanted, to)).await)
+    let told = call(&api.calls, |to| HubCall::Sites(wanted, to)).await;
+    answer::json(told.map(|mut told| {
+        if headers.contains_key(ACCEPT_LANGUAGE) {
+            let lang = spoken(&headers, api.lang);
+            let error = told.connection.error.take();
+            told.connection.error = error.map(|problem| localize::told(lang, problem));
+        }
+        told
+    }))
 }
 
 async fn commands(State(api): State<HubApi>, headers: HeaderMap) -> Response<Body> {
