@@ -441,9 +441,10 @@ def removed(s, hub, other, silent_site):
         # The run that it was, which none but a new site could be again.
         session = site.hello(1, 1)
         s.check(entry, len(session), 32, "it is admitted")
-        site.beat(session)
         for each in (hub, other):
-            is_so(s, entry, lambda each=each: each.site(name).get("presence"), "online", "there")
+            # The session may be heard after the heartbeat.
+            is_so(s, entry, lambda each=each: (site.beat(session), each.site(name).get("presence"))[1],
+                  "online", "there")
             s.check(entry, each.point(name, "m.k1"), [], "nothing is known of its points")
             s.check(entry, "groups" in each.site(name), False, "nor of its groups")
         site.state(session, 0, k2=True)

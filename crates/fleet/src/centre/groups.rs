@@ -13,6 +13,9 @@ use std::time::Duration;
 /// The most groups of a site.
 pub const GROUPS_MAX: usize = 16;
 
+/// The most names in groups that no site has. They have places that sites need.
+const UNREPORTED_MAX: usize = 2_000;
+
 /// The document with what people say of a site.
 #[derive(Debug)]
 pub(super) struct HeardDocument {
@@ -80,7 +83,9 @@ impl Centre {
     /// Whether something can be said of a site of this name: it is known, or there is place for it.
     #[must_use]
     pub fn has_place(&self, name: &str) -> bool {
-        self.sites.contains_key(name) || self.sites.len() < SITES_MAX
+        let unreported = || self.sites.values().filter(|site| !site.is_there()).count();
+        self.sites.contains_key(name)
+            || self.sites.len() < SITES_MAX && unreported() < UNREPORTED_MAX
     }
 
     /// The centre is subscribed: what was not read at this connection is there no longer.

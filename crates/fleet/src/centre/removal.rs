@@ -34,6 +34,8 @@ pub enum RemovalEnd {
 pub(super) struct Removal {
     site: String,
     lease: SessionLease,
+    /// What it follows.
+    after: u64,
     /// Something else was stored first, and is being read.
     has_conflict: bool,
 }
@@ -56,6 +58,7 @@ impl Centre {
         let Some(holder) = holder.filter(|_| presence == SitePresence::Offline && !asks) else {
             return self.ended(number, RemovalEnd::NotOffline);
         };
+        let after = holder.revision;
         let lease = SessionLease {
             session,
             // A machine that still uses an earlier session is told that it has ended.
@@ -69,11 +72,12 @@ impl Centre {
             site: name.to_owned(),
             subject: lease_subject(name),
             payload: lease.encode_to_vec(),
-            after: holder.revision,
+            after,
         });
         let removal = Removal {
             site: name.to_owned(),
             lease,
+            after,
             has_conflict: false,
         };
         self.removals.insert(number, removal);
@@ -96,6 +100,10 @@ impl Centre {
             }
             StoreEnd::Conflict => {
                 let name = removal.site.clone();
+                // Others took its place meanwhile, once it was removed.
+                if !self.sites.contains_key(&name) {
+                    return self.ended(number, RemovalEnd::NoSite);
+                }
                 removal.has_conflict = true;
                 self.removals.insert(number, removal);
                 self.read_lease(&name);
@@ -108,27 +116,30 @@ impl Centre {
     /// The latest lease of a site was read, or could not be: removals that something else preceded
     /// end.
     pub(super) fn removals_decided(&mut self, name: &str, is_read: bool) {
-        let is_there = self.sites.get(name).is_some_and(CentreSite::is_there);
-        let end = match (is_read, is_there) {
-            (_, false) => RemovalEnd::NoSite,
-            (true, true) => RemovalEnd::NotOffline,
-            (false, true) => RemovalEnd::Busy,
-        };
+        let site = self.sites.get(name).filter(|site| site.is_there());
+        let latest = site.map(|site| site.holder.as_ref().map_or(0, |holder| holder.revision));
         let removals = self.removals.iter();
         let decided = removals.filter(|(_, removal)| removal.site == name && removal.has_conflict);
-        let decided: Vec<u64> = decided.map(|(number, _)| *number).collect();
-        for number in decided {
+        let decided: Vec<(u64, u64)> = decided
+            .map(|(number, removal)| (*number, removal.after))
+            .collect();
+        for (number, after) in decided {
             self.removals.remove(&number);
+            let end = match latest {
+                None => RemovalEnd::NoSite,
+                Some(latest) if is_read && latest != after => RemovalEnd::NotOffline,
+                // What was stored first is still on its way.
+                Some(_) => RemovalEnd::Busy,
+            };
             self.ended(number, end);
         }
     }
 
-    /// Makes place for another site, if one that was removed has it.
+    /// Makes place for another site, if one has it that is not there, and of which nobody says
+    /// anything.
     pub(super) fn forgets_a_removed_one(&mut self) -> bool {
         let is_over = |site: &CentreSite| {
-            let holder = site.holder.as_ref();
-            let is_removed = holder.is_some_and(|holder| holder.lease.is_removal());
-            is_removed && site.reading_lease.is_none() && site.document.is_none()
+            !site.is_there() && site.reading_lease.is_none() && site.groups().is_empty()
         };
         let found = self.sites.iter().find(|(_, site)| is_over(site));
         let Some(name) = found.map(|(name, _)| name.clone()) else {

@@ -185,7 +185,11 @@ impl Driver {
                     let end = self.serve(&mut link).await;
                     self.lost();
                     // Results of requests on this connection must not reach the next one.
-                    self.ends = mpsc::unbounded_channel();
+                    let (_, mut ends) =
+                        std::mem::replace(&mut self.ends, mpsc::unbounded_channel());
+                    while let Ok(end) = ends.try_recv() {
+                        self.groups_lost(end);
+                    }
                     tries.connected_since(begun);
                     match end {
                         LinkEnd::Stopped => return,
@@ -540,6 +544,12 @@ impl Driver {
         let time = site.as_ref().map(|site| site.time);
         let at_ms = millis(SystemTime::now());
         let found = match (time, link) {
+            // What was given to a site that was removed since is known, too.
+            (None, Some(_))
+                if given.is_again && self.centre.named_site(now, &given.site).is_some() =>
+            {
+                given.intent(now, None, at_ms)
+            }
             (None, _) => Err(self.no_site(&given.site)),
             // It may have been given before: then it is told what came of it.
             (Some(None), Some(_)) | (Some(_), None) if given.is_again => {

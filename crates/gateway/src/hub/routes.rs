@@ -30,6 +30,7 @@ use railbus_api::fleet::{
 };
 use railbus_api::problem::{Problem, codes};
 use railbus_app::render::out;
+use railbus_words::width::is_shown;
 use railbus_words::{Code, Lang};
 use std::path::Path as FilePath;
 use std::sync::{Arc, LazyLock};
@@ -239,18 +240,18 @@ async fn site(State(api): State<HubApi>, Path(name): Path<String>) -> Response<B
     answer::json(found.and_then(|found| found))
 }
 
-/// Removes a site, to its end, even if the caller goes away: that somebody did it is always told.
+/// Removes a site, to its end, even if the caller goes away: that somebody did it, or may have, is
+/// always told.
 async fn remove(
     State(api): State<HubApi>,
     Extension(caller): Extension<Caller>,
     Path(name): Path<String>,
 ) -> Response<Body> {
     to_its_end(async move {
+        let what = format!("site_removed {name}");
         let removed = call(&api.calls, |to| HubCall::Remove(name, to)).await;
-        let removed = removed.and_then(|removed| removed);
-        if let Ok(FleetRemoval { removed, .. }) = &removed {
-            note_change(&caller, &format!("site_removed {removed}"));
-        }
+        let removed = changed(removed);
+        note_change(&caller, &what, removed.as_ref().err());
         answer::json(removed)
     })
     .await
@@ -271,23 +272,33 @@ async fn set_groups(
                 return answer::problem(&problem.with("reason", error.to_string()));
             }
         };
+        // As they are wanted: others may have changed them since.
+        let what = format!("groups_set {name} {}", wanted.groups.join(" "));
         let set = call(&api.calls, |to| HubCall::Groups(name, wanted.groups, to)).await;
-        let set = set.and_then(|set| set);
-        if let Ok(FleetSiteTold { site, .. }) = &set {
-            let groups = site.groups.join(" ");
-            let what = format!("groups_set {} {groups}", site.site);
-            note_change(&caller, what.trim_end());
-        }
+        let set = changed(set);
+        note_change(&caller, what.trim_end(), set.as_ref().err());
         answer::json(set)
     })
     .await
 }
 
-/// Reports a change of a site, and who made it.
-fn note_change(who: &Caller, what: &str) {
+/// The result of a change: without an answer of the driver it may have been made.
+fn changed<T>(told: Result<Result<T, Problem>, Problem>) -> Result<T, Problem> {
+    told.map_err(|problem| problem.perhaps_acted(true))?
+}
+
+/// Reports a change of a site, and who made it; also if it may have been made.
+fn note_change(who: &Caller, what: &str, why: Option<&Problem>) {
+    let perhaps = match why {
+        None => "",
+        Some(problem) if problem.may_have_acted => " (perhaps)",
+        Some(_) => return,
+    };
     let origin = who.origin();
     let (by, via) = (origin.who, origin.via);
-    out::note(&format!("sites: {what} by {by} via {via}"));
+    // Names are checked by the driver, which may have stopped before.
+    let what: String = what.chars().filter(|letter| is_shown(*letter)).collect();
+    out::note(&format!("sites: {what}{perhaps} by {by} via {via}"));
 }
 
 async fn document() -> Response<Body> {

@@ -105,11 +105,15 @@ pub(super) async fn purge(
     site: &str,
     (StreamEnds(ends), revision): (StreamEnds, u64),
 ) -> Result<(), Problem> {
+    // What people said first: it would count again. One that fails does not keep the others.
+    let mut end = purge_before(streams, "FLEET", (&document_subject(site), revision)).await;
     let said = format!("rb.up.{site}.*");
-    for (name, last) in ends {
-        purge_before(streams, name, (&said, last.saturating_add(1))).await?;
+    // A stream without messages has nothing of before, and what comes now is to stay.
+    for (name, last) in ends.into_iter().filter(|(_, last)| *last > 0) {
+        let purged = purge_before(streams, name, (&said, last.saturating_add(1))).await;
+        end = end.and(purged);
     }
-    purge_before(streams, "FLEET", (&document_subject(site), revision)).await
+    end
 }
 
 async fn purge_before(

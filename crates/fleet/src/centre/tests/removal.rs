@@ -299,6 +299,16 @@ fn of_two_processes_that_remove_a_site_the_second_one_finds_none() {
     let ended = CentreOutput::RemovalEnded(third, RemovalEnd::Busy);
     assert_eq!(blind.outputs(), [ended]);
     assert!(!blind.is_gone());
+    // Nor is a site back because what was stored first is not there yet.
+    let mut early = Hub::left().0;
+    let (fourth, _) = early.begins_removal();
+    early.handle(CentreInput::Stored(fourth, StoreEnd::Conflict));
+    early.outputs();
+    let (known, revision) = (early.document.clone(), early.revision);
+    let latest = Some(Some((&*known, revision)));
+    early.handle(CentreInput::LeaseRead("p1", latest));
+    let ended = CentreOutput::RemovalEnded(fourth, RemovalEnd::Busy);
+    assert_eq!(early.outputs(), [ended]);
 }
 
 #[test]
@@ -338,6 +348,8 @@ fn a_removal_on_its_way_ends_with_the_connection() {
 fn sites_that_were_removed_leave_their_place_to_others() {
     let mut centre = Centre::default();
     let now = Duration::from_secs(1);
+    // Nobody says anything of it, and it never was there.
+    centre.handle(now, CentreInput::Document("nobody", &[], 1));
     let lease = |removed_ms| {
         let session = "s".to_owned();
         let lease = SessionLease {

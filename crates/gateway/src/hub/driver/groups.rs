@@ -19,6 +19,16 @@ pub(super) struct SetGroups {
     to: oneshot::Sender<Result<FleetSiteTold, Problem>>,
 }
 
+impl SetGroups {
+    /// The connection is lost: whether they were stored is not known.
+    fn lost(self) {
+        // Fails if the client is gone.
+        let _ = self
+            .to
+            .send(Err(ended(&"disconnected").perhaps_acted(true)));
+    }
+}
+
 impl Driver {
     /// A site is to be in these groups, also before it ever reported.
     pub(super) fn set_groups(
@@ -66,9 +76,16 @@ impl Driver {
             if let Err(SendError(StreamEnd::GroupsStored(set, ..))) =
                 ends.send(StreamEnd::GroupsStored(set, end, problem))
             {
-                let _ = set.to.send(Err(ended(&"disconnected").perhaps_acted(true)));
+                set.lost();
             }
         });
+    }
+
+    /// The connection was lost before this was looked at.
+    pub(super) fn groups_lost(&self, end: StreamEnd) {
+        if let StreamEnd::GroupsStored(set, ..) = end {
+            set.lost();
+        }
     }
 
     /// They were stored, or not.
@@ -84,7 +101,7 @@ impl Driver {
                     site: view::site(&view, clock_s),
                 });
                 // Others took the last place meanwhile.
-                told.ok_or_else(|| self.no_site(&site))
+                told.ok_or_else(|| self.no_site(&site).perhaps_acted(true))
             }
             StoreEnd::Conflict => Err(Problem::new(codes::SITE_CHANGING).with("name", site)),
             StoreEnd::Unknown => {

@@ -40,6 +40,7 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
     let told = super::ask(context, matches, async |hub| {
         hub.set_groups(name, &groups).await
     })?;
+    let is_known = !told.site.version.is_empty();
     let (site, groups) = (told.site.site, told.site.groups);
     let text = match context.format {
         Format::Table if groups.is_empty() => {
@@ -53,7 +54,11 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
         Format::Value | Format::Csv => groups.iter().map(|group| format!("{group}\n")).collect(),
         _ => records::line(json!({ "site": site, "groups": groups })),
     };
-    out::result(lang, &text)
+    out::result(lang, &text)?;
+    if !is_known {
+        context.note(&lang.fill(FleetText::NeverReported, &[("site", &site)]));
+    }
+    Ok(())
 }
 
 /// Refuses what can be no name.

@@ -203,7 +203,7 @@ press Ctrl-C to stop",
     Group {
         en: "Set the groups that a site is in, also before it joins; without one it is in none. \
             railbus fleet ls --group lists the sites of a group.",
-        zh: "设置站点所属的分组，可在加入前设置；不给出则不属于任何分组。",
+        zh: "设置站点所属的分组，可在加入前设置；不给出则不属于任何分组。railbus fleet ls --group 列出分组的站点。",
     }
     Groups {
         en: "Groups, 16 at most: each 1 to 64 of a-z, 0-9, - and _",
@@ -216,15 +216,20 @@ press Ctrl-C to stop",
     }
     InGroups { en: "{site} is in {groups}", zh: "{site} 所属分组：{groups}" }
     InNoGroup { en: "{site} is in no group", zh: "{site} 不属于任何分组" }
+    NeverReported {
+        en: "no site named {site} has reported yet",
+        zh: "尚无名为 {site} 的站点上报",
+    }
     Remove {
-        en: "Remove a site that is gone for good, and what the servers hold of it. It must be \
+        en: "Remove a site that is gone for good, with its values and groups. It must be \
             offline. Its key stays valid: if it comes back, it is a new site.",
         zh: "移除已停用的离线站点及其数据；密钥仍有效，重新连接则为新站点。",
     }
     Removed { en: "{site} removed", zh: "已移除 {site}" }
     NotPurged {
-        en: "the servers still hold its last values until it comes back, and changes for a day",
-        zh: "服务器仍保留其最后的数值，直至再次连接；变化记录再保留一天",
+        en: "the servers still hold its last values and groups until it comes back, and changes \
+            for a day",
+        zh: "服务器仍保留其最后的数值和分组，直至再次连接；变化记录再保留一天",
     }
     KeepOut {
         en: "a key that was not revoked stays valid; to keep it out: railbus fleet revoke DIR \
