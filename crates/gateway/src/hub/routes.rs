@@ -273,8 +273,11 @@ async fn set_groups(
             }
         };
         // As they are wanted: others may have changed them since.
-        let what = format!("groups_set {name} {}", wanted.groups.join(" "));
-        let set = call(&api.calls, |to| HubCall::Groups(name, wanted.groups, to)).await;
+        let mut groups = wanted.groups;
+        groups.sort_unstable();
+        groups.dedup();
+        let what = format!("groups_set {name} {}", groups.join(" "));
+        let set = call(&api.calls, |to| HubCall::Groups(name, groups, to)).await;
         let set = changed(set);
         note_change(&caller, what.trim_end(), set.as_ref().err());
         answer::json(set)
