@@ -444,8 +444,10 @@ def removed(s, hub, other, silent_site):
         s.check(entry, len(session), 32, "it is admitted")
         for each in (hub, other):
             # The session may be heard after the heartbeat.
-            is_so(s, entry, lambda each=each: (site.beat(session), each.site(name).get("presence"))[1],
-                  "online", "there")
+            def presence(each=each):
+                site.beat(session)
+                return each.site(name).get("presence")
+            is_so(s, entry, presence, "online", "there")
             s.check(entry, each.point(name, "m.k1"), [], "nothing is known of its points")
             s.check(entry, "groups" in each.site(name), False, "nor of its groups")
         site.state(session, 0, k2=True)
