@@ -413,6 +413,16 @@ def killed(s, fleet, hub, other, site, session, done):
     # Whoever gives it again is told that.
     status, said = put(other, path, {"value": True}, "orphan")
     s.check(entry, (status, said), (200, {"value": True}), "given again")
+    # Also once the site is removed: it was carried out all the same.
+    entry = "a key: once, whoever repeats it"
+    site.run(site.client.close())
+    is_so(s, entry, lambda: other.site(site.name)["presence"], "offline", "away for good")
+    status, said = put(other, f"/fleet/v1/sites/{site.name}", {}, method="DELETE")
+    s.check(entry, (status, said.get("removed")), (200, site.name), "the site is removed")
+    status, said = put(other, path, {"value": True}, "orphan")
+    s.check(entry, (status, said), (200, {"value": True}), "given again, of a site of before")
+    status, said = put(other, path, {"value": True})
+    s.check(entry, (status, said["code"]), (404, "E0836"), "a new one has nobody to go to")
 
 
 def account(fleet, socket, *words, password=None):

@@ -394,7 +394,7 @@ def grouped(s, hub, other, away):
         site.close()
     s.check(entry, hub.run("group", SITE)[0], 0, "in none")
     is_so(s, entry, lambda: "groups" in other.site(SITE), False, "which the other one hears")
-    told = "sites: groups_set " + SITE + " north pumps by owner via socket"
+    told = "sites: groups_set " + SITE + " pumps north by owner via socket"
     s.check(entry, told in hub.said.read_text(encoding="utf-8"), True, "who did it is printed")
     hub.end(signal.SIGTERM)
     hub.start()

@@ -17,6 +17,18 @@ const built = join(process.env.CARGO_TARGET_DIR ?? join(root, "target"), "debug/
 /** Only guards against hanging. */
 export const PATIENCE_MS = Number(process.env.PATIENCE_MS ?? 60_000);
 
+/** The link for the first user that a program prints at its start. */
+async function linkOf(child) {
+  let link;
+  for await (const line of createInterface({ input: child.stdout })) {
+    link ??= /^\s*setup\s+(https?:\/\/\S+)/.exec(line)?.[1];
+    if (line.includes("Ctrl-C")) break;
+  }
+  if (!link) throw new Error(`no link was printed: ${child.spawnargs.join(" ")}`);
+  child.stdout.resume();
+  return link;
+}
+
 /** `railbus serve --demo`, and the link that it prints. */
 export async function serve() {
   const folder = mkdtempSync(join(tmpdir(), "railbus-web-"));
@@ -24,13 +36,7 @@ export async function serve() {
   const env = { ...process.env, LANG: "C.UTF-8", RAILBUS_LANG: "en" };
   const child = spawn(built, args, { env, stdio: ["ignore", "pipe", "inherit"] });
   const ended = new Promise((resolve) => child.once("exit", resolve));
-  let link;
-  for await (const line of createInterface({ input: child.stdout })) {
-    link ??= /^\s*setup\s+(https?:\/\/\S+)/.exec(line)?.[1];
-    if (line.includes("Ctrl-C")) break;
-  }
-  if (!link) throw new Error("the daemon printed no link");
-  child.stdout.resume();
+  const link = await linkOf(child);
   return {
     link,
     origin: new URL(link).origin,
@@ -65,13 +71,7 @@ export async function serveCentre() {
   const args = ["fleet", "serve", fleet, "--listen", "127.0.0.1:0", "--socket", join(folder, "socket")];
   const child = spawn(built, args, { env, stdio: ["ignore", "pipe", "inherit"] });
   const ended = new Promise((resolve) => child.once("exit", resolve));
-  let link;
-  for await (const line of createInterface({ input: child.stdout })) {
-    link ??= /^\s*setup\s+(https?:\/\/\S+)/.exec(line)?.[1];
-    if (line.includes("Ctrl-C")) break;
-  }
-  if (!link) throw new Error("the centre printed no link");
-  child.stdout.resume();
+  const link = await linkOf(child);
   return {
     link,
     origin: new URL(link).origin,

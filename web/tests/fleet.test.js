@@ -191,7 +191,7 @@ test("nothing looks fresh while a site, the servers or the centre are away", { t
     await row.locator(".tag.bad", { hasText: t("fleet_is_offline") }).waitFor();
     await none(site);
     await site.getByText(t("fleet_pages_away")).waitFor();
-    await page.getByRole("button", { name: /to look at/ }).click();
+    await page.getByRole("button", { name: /need attention/ }).click();
     await page.waitForFunction(() => document.querySelectorAll("tbody tr").length === 2);
     if (process.env.SHOTS) for (const [name, one] of Object.entries({ page, far, site })) await one.screenshot({ path: `${process.env.SHOTS}/away-${name}.png` });
     // What is gone can be removed.

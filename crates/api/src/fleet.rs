@@ -72,7 +72,7 @@ pub struct FleetCounts {
     pub offline: usize,
     /// Those of which the centre can't say.
     pub unknown: usize,
-    /// Those that somebody should look at.
+    /// Those that need attention.
     pub attention: usize,
 }
 
@@ -110,17 +110,17 @@ pub enum FleetPresence {
     Unknown,
 }
 
-/// Why somebody should look at a site.
+/// Why a site needs attention.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum FleetAttention {
     /// It is offline.
     Offline,
-    /// It is online, and its points are not as they are shown.
+    /// It is online, and its values have not been current for more than 20 seconds.
     NotCurrent,
     /// Another machine with its key asked to be this site within the last ten minutes.
     Duplicate,
-    /// Its clock and the centre's differ by more than two seconds.
+    /// Its clock and the centre's differ by more than 30 seconds.
     Clock,
     /// Its key is valid for less than 21 days, and should have been renewed.
     Key,
@@ -164,7 +164,7 @@ pub struct FleetSite {
     /// The groups that it is in, by name.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub groups: Vec<String>,
-    /// Why somebody should look at it.
+    /// Why it needs attention.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub attention: Vec<FleetAttention>,
 }
@@ -176,8 +176,8 @@ pub struct FleetRemoval {
     pub schema: u8,
     /// Its name.
     pub removed: String,
-    /// The servers have deleted what they held of it, too. Otherwise its last values stay there
-    /// until it comes back, and changes for a day.
+    /// The servers have deleted its values, changes and groups. Otherwise values and groups may
+    /// stay there until it comes back, and changes for a day.
     pub purged: bool,
 }
 

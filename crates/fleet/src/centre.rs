@@ -306,9 +306,8 @@ impl Centre {
     /// A site of this name; none if there are too many.
     fn entry(&mut self, name: &str) -> Option<&mut CentreSite> {
         if !self.sites.contains_key(name) {
-            let has_place = |centre: &mut Centre| {
-                centre.sites.len() < SITES_MAX || centre.forgets_a_removed_one()
-            };
+            let has_place =
+                |centre: &mut Centre| centre.sites.len() < SITES_MAX || centre.drops_unused_name();
             if !is_site_name(name) || !has_place(self) {
                 return None;
             }

@@ -26,7 +26,7 @@ pub const SITE_VALID_S: u64 = 90 * DAY_S;
 pub const KEY_ENDS_SOON_S: u64 = 21 * DAY_S;
 /// A clock that differs from the centre's by more than this is said to, in milliseconds.
 pub const CLOCK_OFF_MS: u64 = 2_000;
-/// Clocks that differ by more need to be looked at, in milliseconds. A slow connection delays
+/// Clocks that differ by more need attention, in milliseconds. A slow connection delays
 /// heartbeats by ten seconds and more.
 pub const CLOCKS_DIFFER_MS: u64 = 30_000;
 /// A second machine asks for the session of a site every five minutes. One that has not asked for

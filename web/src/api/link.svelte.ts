@@ -13,6 +13,9 @@ const link = $state({ open: false, everHeard: false, heard: Date.now(), retryAt:
 
 export type LinkState = "live" | "connecting" | "reconnecting" | "stale";
 
+/** The way to a far site may be a narrow one: nothing is fetched that nobody sees. */
+export const isUnseen = (): boolean => farSite !== null && document.hidden;
+
 /** Something was heard, or the answer to what was asked at this time. */
 export function markHeard(since = Date.now()): void {
   link.heard = since;

@@ -4,7 +4,7 @@ import { SvelteMap } from "svelte/reactivity";
 import { language } from "../i18n/index.svelte";
 import { farSite } from "./base";
 import { get, csrfToken, problemOf } from "./client";
-import { isOpen, markHeard, markOpen, markRetry, POLL_MS, silence, STALE_AFTER_MS } from "./link.svelte";
+import { isOpen, isUnseen, markHeard, markOpen, markRetry, POLL_MS, silence, STALE_AFTER_MS } from "./link.svelte";
 import type { LineInfo, ModuleInfo, PointInfo, Problem } from "./types";
 
 export const points = new SvelteMap<string, PointInfo>();
@@ -162,7 +162,6 @@ let failure = $state.raw<Problem | null>(null);
 export const pollProblem = (): Problem | null => failure;
 
 async function poll(): Promise<void> {
-  // The way to a far site may be a narrow one: nothing is fetched that nobody sees.
   if (busy || isUnseen()) return;
   busy = true;
   again = false;
@@ -188,8 +187,6 @@ async function poll(): Promise<void> {
   }
   if (again) void poll();
 }
-
-const isUnseen = (): boolean => farSite !== null && document.hidden;
 
 function receive(message: Message): void {
   const news = (key: string): unknown[] => {

@@ -1,7 +1,6 @@
 // A resource of the API, fetched for as long as a component shows it.
-import { farSite } from "./base";
 import { get, problemOf } from "./client";
-import { lostAt } from "./link.svelte";
+import { isUnseen, lostAt } from "./link.svelte";
 import type { Problem } from "./types";
 
 export interface Resource<T> {
@@ -50,7 +49,7 @@ export function resource<T>(path: () => string | null, every?: number): Resource
     const timer = setInterval(() => {
       // A 404 is not polled. Nor is a second request sent while one is open: a slow daemon would
       // otherwise use up the browser's few connections, which commands need.
-      if (!busy && problem?.status !== GONE && !(farSite && document.hidden)) void ask(what);
+      if (!busy && problem?.status !== GONE && !isUnseen()) void ask(what);
     }, every);
     return () => clearInterval(timer);
   });

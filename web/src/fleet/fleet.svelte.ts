@@ -4,6 +4,9 @@ import { lostAt, markHeard, STALE_AFTER_MS } from "../api/link.svelte";
 import { clock } from "../lib/clock.svelte";
 import type { FleetSites } from "../api/types";
 
+/** How often pages ask the centre for what they show. */
+export const LOOK_MS = 2_000;
+
 let summary = $state.raw<FleetSites | null>(null);
 let busy = false;
 

@@ -24,7 +24,7 @@ export function valuesText(site: FleetSite, now: boolean): string {
   return t("fleet_old");
 }
 
-/** Why somebody should look at it. */
+/** Why it needs attention. */
 export const reasons = (site: FleetSite, now: boolean): string =>
   now ? joinList((site.attention ?? []).map((why) => textOr(`fleet_why_${why}`, why))) : "";
 

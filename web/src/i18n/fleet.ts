@@ -15,7 +15,7 @@ export const fleet = {
   fleet_n_online: ["{n} online", "{n} 个在线"],
   fleet_n_offline: ["{n} offline", "{n} 个离线"],
   fleet_n_unknown: ["{n} unknown", "{n} 个未知"],
-  fleet_n_attention: ["{n} to look at", "{n} 个需关注"],
+  fleet_n_attention: ["{n} need attention", "{n} 个需关注"],
   fleet_none: ["No site has reported yet", "还没有站点上报"],
   fleet_none_next: [
     "Make an invitation on the machine of the centre, and take it to the site: its gateway joins with it.",
@@ -53,7 +53,7 @@ export const fleet = {
   fleet_why_duplicate: ["another machine has its key", "另一台机器使用同一密钥"],
   fleet_why_clock: ["clock differs from the centre's", "时钟与中心不一致"],
   fleet_why_key: ["key ends soon", "密钥即将到期"],
-  fleet_notes: ["To look at", "关注原因"],
+  fleet_notes: ["Attention", "关注原因"],
   fleet_duplicate: [
     "Another machine has the key of this site: it asked to be this site, {ago}, and was refused. If it is a copied disk, give one of the two a key of its own.",
     "另一台机器使用此站点的密钥：{ago}请求以此站点身份接入，已被拒绝。若是复制的磁盘，请为其中一台另发密钥。",

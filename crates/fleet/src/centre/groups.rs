@@ -13,7 +13,8 @@ use std::time::Duration;
 /// The most groups of a site.
 pub const GROUPS_MAX: usize = 16;
 
-/// The most names in groups that no site has. They have places that sites need.
+/// The maximum number of names that never had a session and are in groups: they take up entries
+/// that sites need.
 const UNREPORTED_MAX: usize = 2_000;
 
 /// The document with what people say of a site.
@@ -83,7 +84,12 @@ impl Centre {
     /// Whether something can be said of a site of this name: it is known, or there is place for it.
     #[must_use]
     pub fn has_place(&self, name: &str) -> bool {
-        let unreported = || self.sites.values().filter(|site| !site.is_there()).count();
+        let unreported = || {
+            self.sites
+                .values()
+                .filter(|site| site.holder.is_none())
+                .count()
+        };
         self.sites.contains_key(name)
             || self.sites.len() < SITES_MAX && unreported() < UNREPORTED_MAX
     }

@@ -61,7 +61,7 @@ impl Centre {
         let after = holder.revision;
         let lease = SessionLease {
             session,
-            // A machine that still uses an earlier session is told that it has ended.
+            // Machines that still use an earlier session get its end.
             before: before(&holder.lease, &[]),
             // 0 would mean that it was not removed.
             removed_ms: self.clock_ms.max(1),
@@ -100,7 +100,7 @@ impl Centre {
             }
             StoreEnd::Conflict => {
                 let name = removal.site.clone();
-                // Others took its place meanwhile, once it was removed.
+                // Another process removed it, and its entry was dropped for a new site.
                 if !self.sites.contains_key(&name) {
                     return self.ended(number, RemovalEnd::NoSite);
                 }
@@ -128,20 +128,19 @@ impl Centre {
             let end = match latest {
                 None => RemovalEnd::NoSite,
                 Some(latest) if is_read && latest != after => RemovalEnd::NotOffline,
-                // What was stored first is still on its way.
+                // The document that was stored first has not arrived yet.
                 Some(_) => RemovalEnd::Busy,
             };
             self.ended(number, end);
         }
     }
 
-    /// Makes place for another site, if one has it that is not there, and of which nobody says
-    /// anything.
-    pub(super) fn forgets_a_removed_one(&mut self) -> bool {
-        let is_over = |site: &CentreSite| {
+    /// Drops a name that no site has and that is in no group, to make room for a site.
+    pub(super) fn drops_unused_name(&mut self) -> bool {
+        let is_unused = |site: &CentreSite| {
             !site.is_there() && site.reading_lease.is_none() && site.groups().is_empty()
         };
-        let found = self.sites.iter().find(|(_, site)| is_over(site));
+        let found = self.sites.iter().find(|(_, site)| is_unused(site));
         let Some(name) = found.map(|(name, _)| name.clone()) else {
             return false;
         };

@@ -16,10 +16,10 @@ pub enum SitePresence {
     Offline,
 }
 
-/// Values that were current this long ago, two heartbeats, may be so again in a moment.
+/// Values that were current within this time, two heartbeats, need no attention yet.
 const OLD: Duration = Duration::from_secs(20);
 
-/// Why somebody should look at a site.
+/// Why a site needs attention.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SiteAttention {
     /// It is offline.
@@ -72,7 +72,7 @@ pub struct SiteView<'c> {
 }
 
 impl SiteView<'_> {
-    /// Why somebody should look at it, at this time in seconds since 1970.
+    /// Why it needs attention, at this time in seconds since 1970.
     pub fn attention(&self, clock_s: i64) -> impl Iterator<Item = SiteAttention> {
         let is_online = self.presence == SitePresence::Online;
         let is_off = |ahead: i64| ahead.unsigned_abs() > CLOCKS_DIFFER_MS;

@@ -140,8 +140,13 @@ fn ended(reason: &dyn ToString) -> Problem {
     Problem::new(codes::FLEET_ENDED).with("reason", reason.to_string())
 }
 
-/// A word of a subject, such as its site, at this place, from 0.
-fn site_of(subject: &str, at: usize) -> &str {
+/// The wall clock, in seconds since 1970.
+fn clock_s() -> i64 {
+    millis(SystemTime::now()) / 1_000
+}
+
+/// The word of a subject at this position, from 0.
+fn word_of(subject: &str, at: usize) -> &str {
     subject.split('.').nth(at).unwrap_or_default()
 }
 
@@ -228,8 +233,8 @@ impl Driver {
 
     /// A document of the stream FLEET: a lease, or what people say of a site.
     fn fleet_document(&mut self, subject: &str, payload: &[u8], number: u64) {
-        let site = site_of(subject, 3);
-        match site_of(subject, 2) {
+        let site = word_of(subject, 3);
+        match word_of(subject, 2) {
             "lease" => self.handle(CentreInput::Lease(site, payload, number)),
             "site" => self.handle(CentreInput::Document(site, payload, number)),
             _ => {}
@@ -276,7 +281,7 @@ impl Driver {
             }
             match subject.starts_with("rb.up.") {
                 true => {
-                    let site = site_of(subject, 2);
+                    let site = word_of(subject, 2);
                     self.handle(CentreInput::Said(site, "state", payload));
                 }
                 false => self.fleet_document(subject, payload, document.number),
@@ -321,7 +326,7 @@ impl Driver {
                 Heard::Hello(message) => self.hello(message),
                 Heard::Said(message) => {
                     let what = message.subject.rsplit('.').next().unwrap_or_default();
-                    let site = site_of(&message.subject, 2);
+                    let site = word_of(&message.subject, 2);
                     self.handle(CentreInput::Said(site, what, &message.payload));
                 }
                 Heard::Fleet(subject, payload, number) => {
@@ -402,7 +407,7 @@ impl Driver {
             self.replies.pop_first();
         }
         self.replies.insert(self.number, reply);
-        let (number, site) = (self.number, site_of(&message.subject, 2));
+        let (number, site) = (self.number, word_of(&message.subject, 2));
         let hello = CentreInput::Hello(number, site, &message.payload, hex(&session));
         self.handle(hello);
     }
@@ -650,7 +655,7 @@ impl Driver {
     }
 
     fn answer(&mut self, call: HubCall, link: Option<&Link>) {
-        let (now, clock_s) = (since_boot(), millis(SystemTime::now()) / 1_000);
+        let (now, clock_s) = (since_boot(), clock_s());
         // Sending fails if the client is gone.
         match call {
             HubCall::Sites(wanted, to) => {

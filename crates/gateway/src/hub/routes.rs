@@ -273,9 +273,7 @@ async fn set_groups(
             }
         };
         // As they are wanted: others may have changed them since.
-        let mut groups = wanted.groups;
-        groups.sort_unstable();
-        groups.dedup();
+        let groups = wanted.groups;
         let what = format!("groups_set {name} {}", groups.join(" "));
         let set = call(&api.calls, |to| HubCall::Groups(name, groups, to)).await;
         let set = changed(set);

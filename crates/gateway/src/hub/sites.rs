@@ -24,7 +24,7 @@ pub(super) const QUERY: &[(&str, &str)] = &[
     ),
     (
         "state",
-        "online, offline, unknown, or attention: somebody should look at it",
+        "online, offline, unknown, or attention: something is wrong with it",
     ),
     ("group", "the group that it is in"),
     ("limit", "how many are listed; all where it is not said"),

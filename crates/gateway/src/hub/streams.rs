@@ -2,7 +2,7 @@
 
 use async_nats::jetstream::Context;
 use async_nats::jetstream::ErrorCode;
-use async_nats::jetstream::context::{GetStreamErrorKind, PublishError, PublishErrorKind};
+use async_nats::jetstream::context::{PublishError, PublishErrorKind};
 use async_nats::jetstream::message::PublishMessage;
 use async_nats::jetstream::stream::LastRawMessageErrorKind;
 use railbus_api::problem::{Problem, codes};
@@ -12,8 +12,8 @@ use std::error::Error as _;
 /// The latest document of a subject and its revision; none if there is none.
 pub(super) type LastDocument = Option<(Vec<u8>, u64)>;
 
-/// The streams with what sites say. Not every fleet has all of them.
-const OF_SITES: [&str; 3] = ["STATE", "DATA", "EVENT"];
+/// The streams with what sites say.
+const OF_SITES: [&str; 2] = ["STATE", "DATA"];
 
 /// Stores a document, provided that the latest one of its subject has this revision.
 pub(super) async fn put(
@@ -76,20 +76,11 @@ pub(super) struct StreamEnds(Vec<(&'static str, u64)>);
 pub(super) async fn ends(streams: &Context) -> Result<StreamEnds, Problem> {
     let mut ends = Vec::new();
     for name in OF_SITES {
-        match streams.get_stream(name).await {
-            Ok(stream) => ends.push((name, stream.cached_info().state.last_sequence)),
-            Err(error) if is_none(&error.kind()) => {}
-            Err(error) => return Err(unusable(&error)),
-        }
+        let stream = streams.get_stream(name).await;
+        let stream = stream.map_err(|error| unusable(&error))?;
+        ends.push((name, stream.cached_info().state.last_sequence));
     }
     Ok(StreamEnds(ends))
-}
-
-fn is_none(why: &GetStreamErrorKind) -> bool {
-    match why {
-        GetStreamErrorKind::JetStream(error) => error.error_code() == ErrorCode::STREAM_NOT_FOUND,
-        _ => false,
-    }
 }
 
 fn unusable(reason: &dyn ToString) -> Problem {

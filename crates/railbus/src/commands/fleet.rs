@@ -27,6 +27,7 @@ use jiff::Timestamp;
 use railbus_api::problem::Problem;
 use railbus_app::failure::Failure;
 use railbus_client::HubClient;
+use railbus_fleet::is_site_name;
 use railbus_words::{Code, Lang, Phrase};
 use std::path::{Path, PathBuf};
 use texts::FleetText;
@@ -96,6 +97,14 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
 fn text<'m>(matches: &'m ArgMatches, name: &str) -> &'m str {
     let text = matches.get_one::<String>(name);
     text.map(String::as_str).unwrap_or_default()
+}
+
+/// Refuses what can't be the name of a site or a group, with this text.
+fn named(lang: Lang, name: &str, wrong: FleetText) -> Result<(), Failure> {
+    match is_site_name(name) {
+        true => Ok(()),
+        false => Err(Failure::new(Code::Usage, lang.get(wrong).to_owned())),
+    }
 }
 
 fn path(matches: &ArgMatches, name: &str) -> PathBuf {

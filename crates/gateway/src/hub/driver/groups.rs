@@ -1,7 +1,7 @@
 //! The groups that sites are in.
 
-use super::{Driver, StreamEnd, ended};
-use crate::clock::{since_boot, unix_s};
+use super::{Driver, StreamEnd, clock_s, ended};
+use crate::clock::since_boot;
 use crate::hub::link::Link;
 use crate::hub::streams::{last_of, put};
 use crate::hub::view::{self, SCHEMA};
@@ -94,11 +94,10 @@ impl Driver {
         let told = match end {
             StoreEnd::Stored(revision) => {
                 self.handle(CentreInput::Document(&site, &document, revision));
-                let clock_s = i64::try_from(unix_s()).unwrap_or(i64::MAX);
                 let view = self.centre.named_site(since_boot(), &site);
                 let told = view.map(|view| FleetSiteTold {
                     schema: SCHEMA,
-                    site: view::site(&view, clock_s),
+                    site: view::site(&view, clock_s()),
                 });
                 // Others took the last place meanwhile.
                 told.ok_or_else(|| self.no_site(&site).perhaps_acted(true))

@@ -5,8 +5,7 @@ use crate::commands::Context;
 use clap::{Arg, ArgMatches, Command};
 use railbus_app::failure::Failure;
 use railbus_app::render::{Format, out, records};
-use railbus_fleet::is_site_name;
-use railbus_words::{Code, Lang};
+use railbus_words::Lang;
 use serde_json::json;
 
 /// The name of the command.
@@ -34,9 +33,9 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
     let groups = matches.get_many::<String>("GROUP").into_iter().flatten();
     let groups: Vec<String> = groups.cloned().collect();
     for group in &groups {
-        named(lang, group, FleetText::BadGroup)?;
+        super::named(lang, group, FleetText::BadGroup)?;
     }
-    named(lang, name, FleetText::BadName)?;
+    super::named(lang, name, FleetText::BadName)?;
     let told = super::ask(context, matches, async |hub| {
         hub.set_groups(name, &groups).await
     })?;
@@ -59,12 +58,4 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
         context.note(&lang.fill(FleetText::NeverReported, &[("site", &site)]));
     }
     Ok(())
-}
-
-/// Refuses what can be no name.
-pub(super) fn named(lang: Lang, name: &str, wrong: FleetText) -> Result<(), Failure> {
-    match is_site_name(name) {
-        true => Ok(()),
-        false => Err(Failure::new(Code::Usage, lang.get(wrong).to_owned())),
-    }
 }

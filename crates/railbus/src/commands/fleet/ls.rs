@@ -1,6 +1,6 @@
 //! `railbus fleet ls`: the sites.
 
-use super::{FleetText, group};
+use super::FleetText;
 use crate::args;
 use crate::commands::{Context, ls};
 use clap::{ArgMatches, Command};
@@ -29,7 +29,7 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
     let lang = context.lang;
     let wanted = matches.get_one::<String>("group");
     if let Some(name) = wanted {
-        group::named(lang, name, FleetText::BadGroup)?;
+        super::named(lang, name, FleetText::BadGroup)?;
     }
     let told = super::ask(context, matches, async |hub| match wanted {
         Some(group) => hub.sites_in(group).await,

@@ -1,6 +1,6 @@
 //! `railbus fleet remove`: a site that is gone for good.
 
-use super::{FleetText, group};
+use super::FleetText;
 use crate::commands::Context;
 use clap::{ArgMatches, Command};
 use railbus_app::failure::Failure;
@@ -24,7 +24,7 @@ pub(super) fn define(lang: Lang) -> Command {
 pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure> {
     let lang = context.lang;
     let name = super::text(matches, "SITE");
-    group::named(lang, name, FleetText::BadName)?;
+    super::named(lang, name, FleetText::BadName)?;
     let done = super::ask(context, matches, async |hub| hub.remove(name).await)?;
     let site = &done.removed;
     let text = match context.format {

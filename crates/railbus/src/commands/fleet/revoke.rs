@@ -8,8 +8,8 @@ use crate::texts::Text;
 use clap::{Arg, ArgAction, ArgMatches, Command};
 use railbus_app::failure::Failure;
 use railbus_app::render::{Format, out, records};
+use railbus_fleet::SITE_VALID_S;
 use railbus_fleet::revocation::{RevokedKey, is_site_key};
-use railbus_fleet::{SITE_VALID_S, is_site_name};
 use railbus_gateway::hub;
 use railbus_words::{Code, Lang};
 use serde_json::json;
@@ -148,10 +148,7 @@ fn new_keys(
     revoked: &[RevokedKey],
 ) -> Result<(Vec<RevokedKey>, Option<Failure>), Failure> {
     let lang = context.lang;
-    if !is_site_name(site) {
-        let message = lang.get(FleetText::BadName).to_owned();
-        return Err(Failure::new(Code::Usage, message));
-    }
+    super::named(lang, site, FleetText::BadName)?;
     let noted_file = site_keys::of_site(folder, site);
     let mut keys = site_keys::noted(lang, &noted_file)?;
     let named = matches.get_many::<String>("key").into_iter().flatten();
