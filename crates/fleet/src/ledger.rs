@@ -14,8 +14,9 @@ use crate::message::{
 };
 use command::{Command, Stage, is_same, request};
 use prost::Message as _;
+use recent::Recent;
+pub(crate) use recent::view_of;
 pub use recent::{CommandView, EndView};
-use recent::{Recent, view_of};
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 use std::time::Duration;
@@ -407,7 +408,7 @@ impl Ledger {
         record: CommandKind,
         (number, age): (u64, Duration),
     ) {
-        self.recent.add(view_of(name, &record));
+        self.recent.add(name, &record);
         let key = (name.0.to_owned(), name.1.to_owned());
         match (record, self.open.get_mut(&key)) {
             (CommandKind::Intent(intent), Some(command)) => {
@@ -506,7 +507,7 @@ impl Ledger {
             (Stage::Ending(_, end, None, _), StoreEnd::Stored(_)) => {
                 let end = Arc::clone(end);
                 self.recent
-                    .add(view_of((site, id), &CommandKind::End((*end).clone())));
+                    .add((site, id), &CommandKind::End((*end).clone()));
                 self.ended(&key, &end);
             }
             // Another centre was first: its end is the end.

@@ -9,7 +9,8 @@
 //!   `issuing`.
 //! - What site and centre say to each other: `message`. What a site says when, and up to where the
 //!   centre has its data: `uplink`. Which machine is a site, which sites are there, and what is
-//!   known of their points: `centre`. Commands to sites, and their results: `ledger`.
+//!   known of their points: `centre`. Commands to sites, and their results: `ledger`; one to many
+//!   sites: `bulk`.
 //! - Keys that are let in no longer: `revocation`.
 //! - A new fleet with all its files: `founding`; a server's configuration: `server_file`; its
 //!   certificates: `certificates`.
@@ -36,6 +37,7 @@ pub const COPY_GONE: std::time::Duration = std::time::Duration::from_secs(600);
 /// How long the centre waits for an answer of a site's API.
 pub const API_ANSWER_MAX: std::time::Duration = std::time::Duration::from_secs(25);
 
+pub mod bulk;
 pub mod centre;
 mod certificates;
 mod claims;

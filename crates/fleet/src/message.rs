@@ -343,6 +343,9 @@ pub struct CommandIntent {
     /// Distinguishes it from another one of the same id.
     #[prost(bytes = "vec", tag = "9")]
     pub token: Vec<u8>,
+    /// It is one of a [`BulkOrder`] of the same id.
+    #[prost(bool, tag = "10")]
+    pub is_bulk: bool,
 }
 
 /// The result of a command.
@@ -371,6 +374,82 @@ pub enum CommandResult {
     /// Whether it was carried out is not known, and never will be.
     #[prost(message, tag = "4")]
     Unknown(FleetRefusal),
+}
+
+/// A document of the centre about one command to many sites.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct BulkRecord {
+    /// The order, a wish to stop it, or its end. The tags are not those of [`CommandRecord`].
+    #[prost(oneof = "BulkKind", tags = "11, 12, 13")]
+    pub record: Option<BulkKind>,
+}
+
+/// What was recorded of a command to many sites.
+#[derive(Clone, PartialEq, prost::Oneof)]
+pub enum BulkKind {
+    /// The order.
+    #[prost(message, tag = "11")]
+    Order(BulkOrder),
+    /// No more of its commands are to be sent: who wants that.
+    #[prost(string, tag = "12")]
+    Stop(String),
+    /// All was sent that will be.
+    #[prost(message, tag = "13")]
+    End(BulkEnd),
+}
+
+/// The same command to many sites.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct BulkOrder {
+    /// As in [`CommandRequest`].
+    #[prost(string, tag = "1")]
+    pub method: String,
+    /// As in [`CommandRequest`].
+    #[prost(string, tag = "2")]
+    pub path: String,
+    /// As in [`CommandRequest`].
+    #[prost(bytes = "vec", tag = "3")]
+    pub body: Vec<u8>,
+    /// As in [`CommandRequest`].
+    #[prost(string, tag = "4")]
+    pub user: String,
+    /// As in [`CommandRequest`].
+    #[prost(string, tag = "5")]
+    pub language: String,
+    /// The sites, each once.
+    #[prost(string, repeated, tag = "6")]
+    pub sites: Vec<String>,
+    /// When it was wanted, in milliseconds since 1970.
+    #[prost(int64, tag = "7")]
+    pub at_ms: i64,
+    /// Distinguishes it from another one of the same id.
+    #[prost(bytes = "vec", tag = "8")]
+    pub token: Vec<u8>,
+}
+
+/// To which sites a command to many was not sent. Of the others it is recorded one by one.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct BulkEnd {
+    /// Those sites, by the reason.
+    #[prost(message, repeated, tag = "1")]
+    pub unsent: Vec<BulkUnsent>,
+    /// Who stopped it.
+    #[prost(string, tag = "2")]
+    pub stopped_by: String,
+    /// When that was known, in milliseconds since 1970.
+    #[prost(int64, tag = "3")]
+    pub at_ms: i64,
+}
+
+/// Sites to which a command was not sent.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct BulkUnsent {
+    /// Why.
+    #[prost(message, optional, tag = "1")]
+    pub why: Option<FleetRefusal>,
+    /// The sites.
+    #[prost(string, repeated, tag = "2")]
+    pub sites: Vec<String>,
 }
 
 /// Entries that are there no longer.

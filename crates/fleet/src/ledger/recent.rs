@@ -56,9 +56,16 @@ impl Recent {
         self.0.iter()
     }
 
-    /// Adds a command, or its result.
-    pub(super) fn add(&mut self, view: Option<CommandView>) {
-        let Some(view) = view else {
+    /// Adds a command, or its result. One of many sites is shown with the others.
+    pub(super) fn add(&mut self, name: CommandName<'_>, record: &CommandKind) {
+        let intent = match record {
+            CommandKind::Intent(intent) => Some(intent),
+            CommandKind::End(end) => end.intent.as_ref(),
+        };
+        if intent.is_none_or(|intent| intent.is_bulk) {
+            return;
+        }
+        let Some(view) = view_of(name, record) else {
             return;
         };
         let known = self.0.iter_mut().rev();
@@ -80,7 +87,7 @@ impl Recent {
 }
 
 /// A record for people; none if it does not name its command.
-pub(super) fn view_of((site, id): CommandName<'_>, record: &CommandKind) -> Option<CommandView> {
+pub(crate) fn view_of((site, id): CommandName<'_>, record: &CommandKind) -> Option<CommandView> {
     let of = |intent: &CommandIntent, end| {
         let body = String::from_utf8_lossy(&intent.body);
         CommandView {
@@ -222,17 +229,17 @@ mod tests {
 
     #[test]
     fn an_end_of_one_that_was_forgotten_is_not_among_the_newest() {
-        let view = |id: &str| view_of(("p1", id), &CommandKind::Intent(CommandIntent::default()));
+        let intent = CommandKind::Intent(CommandIntent::default());
         let mut recent = Recent::default();
         for at in 0..=RECENT_MAX {
-            recent.add(view(&at.to_string()));
+            recent.add(("p1", &at.to_string()), &intent);
         }
         let end = CommandEnd {
             intent: Some(CommandIntent::default()),
             ..CommandEnd::default()
         };
         for id in ["0", "1"] {
-            recent.add(view_of(("p1", id), &CommandKind::End(end.clone())));
+            recent.add(("p1", id), &CommandKind::End(end.clone()));
         }
         assert_eq!(recent.iter().count(), RECENT_MAX);
         let first = recent.iter().next().unwrap();

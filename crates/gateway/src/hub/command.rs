@@ -152,6 +152,7 @@ impl GivenCommand {
             valid_until_ms: until,
             at_ms,
             token: token.to_vec(),
+            is_bulk: false,
         })
     }
 }
