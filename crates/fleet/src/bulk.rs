@@ -555,7 +555,7 @@ impl Bulks {
                 refusal("E0806", "this Idempotency-Key stands for another command")
             }
             CommandTold::NotStored => refusal("E0164", "not sent: it could not be recorded first"),
-            CommandTold::TooMany => refusal("E0807", "too many commands without a result"),
+            CommandTold::TooMany => refusal("E0105", "too many commands without a result"),
         };
         bulk.not_sent(site, &never, clock_ms);
     }
