@@ -4,6 +4,7 @@ use super::problem::Problem;
 use super::types::{PointValue, Quality};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+use std::collections::BTreeMap;
 use utoipa::ToSchema;
 
 /// The header of what a site answers through its centre, `/s/SITE/api/v1/…`: how long that was on
@@ -221,8 +222,11 @@ pub struct FleetCommands {
     pub schema: u8,
     /// How many commands have no end yet.
     pub open: usize,
-    /// The commands.
+    /// The commands to one site.
     pub commands: Vec<FleetCommand>,
+    /// Commands to many sites, the newest last.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub bulk: Vec<FleetBulk>,
 }
 
 /// A command to a site.
@@ -270,4 +274,154 @@ pub struct FleetCommandEnd {
     /// When that was known, by the centre's clock, as RFC 3339 in UTC.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub end_at: Option<String>,
+}
+
+/// `POST /fleet/v1/commands/preview`: which sites a command would go to.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct PreviewBulk {
+    /// The sites, as `GET /fleet/v1/sites` finds them: `search`, `state`, `group`. Empty means all.
+    pub select: BTreeMap<String, String>,
+    /// The request to the API of each site: `PUT` or `POST`.
+    pub method: String,
+    /// Its path, such as `/api/v1/points/oven/k1`.
+    pub path: String,
+    /// Its body.
+    #[serde(default)]
+    #[schema(value_type = Object)]
+    pub body: Value,
+}
+
+/// The answer to `POST /fleet/v1/commands/preview`. Nothing is sent.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct FleetBulkPreview {
+    /// The version of the API.
+    pub schema: u8,
+    /// How many of the sites would be sent it, as it seems now.
+    pub sendable: usize,
+    /// The sites, by name.
+    pub sites: Vec<FleetBulkTarget>,
+}
+
+/// A site that a command would go to.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct FleetBulkTarget {
+    /// The site.
+    pub site: String,
+    /// Whether it is there.
+    pub presence: FleetPresence,
+    /// The output, as the centre knows it, if the command is for one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub point: Option<FleetPoint>,
+    /// The code of the problem that is to be expected: E0168 if it would not be sent, E0802 if the
+    /// site has no such point.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub code: Option<String>,
+}
+
+/// `POST /fleet/v1/commands`: the same command to many sites.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct GiveBulk {
+    /// The sites, each once, at most 10000.
+    pub sites: Vec<String>,
+    /// The request to the API of each site: `PUT` or `POST`.
+    pub method: String,
+    /// Its path, such as `/api/v1/points/oven/k1`.
+    pub path: String,
+    /// Its body.
+    #[serde(default)]
+    #[schema(value_type = Object)]
+    pub body: Value,
+}
+
+/// A command to many sites.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct FleetBulk {
+    /// Its id, and that of the command to each site: its `Idempotency-Key`.
+    pub id: String,
+    /// Who gave it.
+    pub user: String,
+    /// When, by the centre's clock, as RFC 3339 in UTC.
+    pub at: String,
+    /// The request to the API of each site: method, path and the beginning of the body.
+    pub method: String,
+    /// The path.
+    pub path: String,
+    /// The beginning of the body.
+    pub body: String,
+    /// How many sites are how.
+    pub counts: FleetBulkCounts,
+    /// Who stopped it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stopped_by: Option<String>,
+    /// When all was sent that will be; none before. Results of single sites may still come.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ended_at: Option<String>,
+}
+
+/// How many sites of a command are how.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct FleetBulkCounts {
+    /// All of them.
+    pub all: usize,
+    /// Nothing was sent so far.
+    pub waiting: usize,
+    /// Sent, without a result.
+    pub sent: usize,
+    /// The site reported that it was done.
+    pub done: usize,
+    /// The site sent it to the module, which does not confirm it.
+    pub unconfirmed: usize,
+    /// The site reported a problem.
+    pub failed: usize,
+    /// It was not carried out.
+    pub never: usize,
+    /// Whether it was carried out is not known.
+    pub unknown: usize,
+}
+
+/// What became of a site of a command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum FleetBulkState {
+    /// Nothing was sent so far.
+    Waiting,
+    /// Sent, without a result.
+    Sent,
+    /// The site reported that it was done.
+    Done,
+    /// The site sent it to the module, which does not confirm it.
+    Unconfirmed,
+    /// The site reported a problem.
+    Failed,
+    /// It was not carried out.
+    Never,
+    /// Whether it was carried out is not known.
+    Unknown,
+}
+
+/// A site of a command.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct FleetBulkSite {
+    /// The site.
+    pub site: String,
+    /// What became of it.
+    pub state: FleetBulkState,
+    /// The result.
+    #[serde(flatten)]
+    pub end: FleetCommandEnd,
+}
+
+/// `POST /fleet/v1/commands` and `GET /fleet/v1/commands/{id}`: a command to many sites, and its
+/// sites.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct FleetBulkSites {
+    /// The version of the API.
+    pub schema: u8,
+    /// The command.
+    #[serde(flatten)]
+    pub bulk: FleetBulk,
+    /// How many sites are as was asked for, also if fewer are listed.
+    pub total: usize,
+    /// The sites, by name.
+    pub sites: Vec<FleetBulkSite>,
 }

@@ -306,6 +306,8 @@ pub mod codes {
         SITE_THERE = "E0179", 409;
         /// Also `name`: the site.
         SITE_CHANGING = "E0184", 409;
+        /// Also `id`.
+        NO_SUCH_BULK = "E0837", 404;
         /// Also `reason`: its host ID.
         HOST_AWAY = "E0833", 503;
         /// Also `name`.

@@ -335,6 +335,16 @@ const REASONS: &[[&str; 2]] = &[
         "it was not certain that it was recorded",
         "当时不确定是否已记录",
     ],
+    ["it was stopped", "已被中止"],
+    [
+        "it was not its turn within {n} minutes",
+        "{n} 分钟内未轮到该站点",
+    ],
+    [
+        "the process of the centre that sent them has ended",
+        "负责发送的中心进程已退出",
+    ],
+    ["the centre lost its connection", "中心的连接已断开"],
     ["nothing within {n} s", "{n} 秒内无应答"],
     ["its answer was {n} s on the way", "应答在途 {n} 秒"],
     ["its answer is longer than {n} KiB", "应答超过 {n} KiB"],

@@ -13,7 +13,7 @@ use prost::Message as _;
 use railbus_api::problem::{Problem, ProblemType, codes};
 use railbus_fleet::ledger::CommandTold;
 use railbus_fleet::message::{
-    CommandEnd, CommandIntent, CommandRequest, CommandResult, FleetRefusal,
+    BulkOrder, CommandEnd, CommandIntent, CommandRequest, CommandResult, FleetRefusal,
 };
 use railbus_site::{WITHIN_MAX, WITHIN_MIN, Within};
 use railbus_store::history::millis;
@@ -38,6 +38,8 @@ pub(super) struct GivenCommand {
     pub(super) id: String,
     /// The caller gave the id: it may have been sent before.
     pub(super) is_again: bool,
+    /// It is one of an order to many sites.
+    is_bulk: bool,
     /// When it was given, since the machine was booted.
     pub(super) given: Duration,
     method: String,
@@ -101,6 +103,7 @@ impl GivenCommand {
             site,
             id,
             is_again: key.is_some(),
+            is_bulk: false,
             given: since_boot(),
             method: method.to_owned(),
             path: path.to_owned(),
@@ -112,6 +115,39 @@ impl GivenCommand {
                 false => language.to_owned(),
             },
         })
+    }
+
+    /// The same command to all of these sites.
+    ///
+    /// # Errors
+    /// There is no randomness.
+    pub(super) fn into_order(self, sites: Vec<String>) -> Result<BulkOrder, Problem> {
+        Ok(BulkOrder {
+            method: self.method,
+            path: self.path,
+            body: self.body.to_vec(),
+            user: self.user,
+            language: self.language,
+            sites,
+            at_ms: millis(SystemTime::now()),
+            token: token()?,
+        })
+    }
+
+    /// The command of an order to this site, given now.
+    pub(super) fn of_order(order: &BulkOrder, (site, id): (&str, &str)) -> GivenCommand {
+        GivenCommand {
+            site: site.to_owned(),
+            id: id.to_owned(),
+            is_again: false,
+            is_bulk: true,
+            given: since_boot(),
+            method: order.method.clone(),
+            path: order.path.clone(),
+            body: order.body.clone().into(),
+            user: order.user.clone(),
+            language: order.language.clone(),
+        }
     }
 
     /// The time within which its frames must be sent.
@@ -136,8 +172,6 @@ impl GivenCommand {
         time: Option<(&[u8], u64)>,
         at_ms: i64,
     ) -> Result<CommandIntent, Problem> {
-        let token = random::<ID_LEN>()
-            .map_err(|error| Problem::new(codes::INTERNAL).with("reason", error.to_string()))?;
         // It may have waited here.
         let within = self.within().saturating_sub(now.saturating_sub(self.given));
         let within = u64::try_from(within.as_millis()).unwrap_or(u64::MAX);
@@ -151,10 +185,18 @@ impl GivenCommand {
             boot: time.map_or_else(Vec::new, |(boot, _)| boot.to_vec()),
             valid_until_ms: until,
             at_ms,
-            token: token.to_vec(),
-            is_bulk: false,
+            token: token()?,
+            is_bulk: self.is_bulk,
         })
     }
+}
+
+/// What distinguishes a record from another one of the same id.
+fn token() -> Result<Vec<u8>, Problem> {
+    let token = random::<ID_LEN>();
+    token
+        .map(|token| token.to_vec())
+        .map_err(|error| Problem::new(codes::INTERNAL).with("reason", error.to_string()))
 }
 
 /// Gives a command, and returns its result.

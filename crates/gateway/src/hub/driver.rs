@@ -1,10 +1,12 @@
 //! Drives the centre.
 
+mod bulk;
 mod commands;
 mod groups;
 mod removal;
 
 use super::HubText;
+use super::bulk::{BulkWanted, GivenBulk, PreviewWanted, bulk_sites, preview};
 use super::command::{GivenCommand, SentEnd};
 use super::link::{Document, HubFiles, Link, Opened};
 use super::site_api::SiteWay;
@@ -18,11 +20,15 @@ use crate::nats::next;
 use crate::northbound::broker::session::Tries;
 use crate::{warn, warn_of};
 use async_nats::{Message, Subject};
-use commands::command_of;
+use commands::CommandCaller;
 use groups::SetGroups;
-use railbus_api::fleet::{FleetCommands, FleetRemoval, FleetSitePoints, FleetSiteTold, FleetSites};
+use railbus_api::fleet::{
+    FleetBulkPreview, FleetBulkSites, FleetCommands, FleetRemoval, FleetSitePoints, FleetSiteTold,
+    FleetSites,
+};
 use railbus_api::problem::{Problem, codes};
 use railbus_app::failure::Failure;
+use railbus_fleet::bulk::{BulkInput, BulkTold, Bulks};
 use railbus_fleet::centre::{Centre, CentreInput, CentreOutput, StoreEnd};
 use railbus_fleet::ledger::{CommandTold, Ledger, LedgerInput, SiteSaid};
 use railbus_store::history::millis;
@@ -65,6 +71,18 @@ pub(super) enum HubCall {
     ),
     /// The newest commands.
     Commands(oneshot::Sender<FleetCommands>),
+    /// An order to many sites; whether it is one.
+    GiveBulk(GivenBulk, oneshot::Sender<BulkTold>),
+    /// No more commands of this order are to be sent, by the wish of this caller.
+    StopBulk(String, String, oneshot::Sender<BulkTold>),
+    /// An order with these of its sites; the problem if there is none of this id.
+    Bulk(
+        String,
+        BulkWanted,
+        oneshot::Sender<Result<FleetBulkSites, Problem>>,
+    ),
+    /// The sites that an order would go to.
+    Preview(PreviewWanted, oneshot::Sender<FleetBulkPreview>),
 }
 
 /// The result of a request to a stream.
@@ -84,6 +102,8 @@ enum StreamEnd {
     RecordRead(CommandId, Option<LastDocument>),
     /// Of sending a command to its site.
     Sent(CommandId, SentEnd),
+    /// Of storing a record of an order to many sites: its id, and the number of what was wanted.
+    BulkStored((String, u64), StoreEnd, Option<Problem>),
 }
 
 /// The site and the id of a command, and the number of what was wanted.
@@ -95,7 +115,10 @@ pub(super) struct Driver {
     centre: Centre,
     ledger: Ledger,
     /// Who waits for what came of a command.
-    callers: BTreeMap<u64, oneshot::Sender<Result<CommandTold, Problem>>>,
+    callers: BTreeMap<u64, CommandCaller>,
+    bulks: Bulks,
+    /// Who waits for an order to be recorded, or to be stopped.
+    bulk_callers: BTreeMap<u64, oneshot::Sender<BulkTold>>,
     /// Who waits for the removal of a site.
     removals: BTreeMap<u64, AskedRemoval>,
     /// The reply subjects of pending requests.
@@ -163,6 +186,8 @@ impl Driver {
             centre: Centre::default(),
             ledger: Ledger::default(),
             callers: BTreeMap::new(),
+            bulks: Bulks::default(),
+            bulk_callers: BTreeMap::new(),
             removals: BTreeMap::new(),
             replies: BTreeMap::new(),
             number: 0,
@@ -214,7 +239,7 @@ impl Driver {
     async fn meanwhile<T>(&mut self, what: impl Future<Output = T>) -> Option<T> {
         let mut what = std::pin::pin!(what);
         loop {
-            let due = self.ledger.deadline();
+            let due = self.deadline();
             let due = due.map(|due| due.saturating_sub(since_boot()));
             tokio::select! {
                 () = listen::ended(&mut self.stopped) => return None,
@@ -243,9 +268,17 @@ impl Driver {
 
     fn lost(&mut self) {
         self.handle(CentreInput::Lost);
+        // First: results that the ledger tells now must not let further sites have their turn.
+        self.note_bulk(BulkInput::Lost);
         self.note(LedgerInput::Lost);
         self.tell_callers();
         self.removals_lost();
+    }
+
+    /// When the ledger or an order goes on by itself.
+    fn deadline(&self) -> Option<Duration> {
+        let all = [self.ledger.deadline(), self.bulks.deadline()];
+        all.into_iter().flatten().min()
     }
 
     fn note(&mut self, input: LedgerInput<'_>) {
@@ -270,13 +303,8 @@ impl Driver {
         let mut opened = opened?;
         for document in std::mem::take(&mut opened.documents) {
             let (subject, payload) = (&document.subject, &document.payload);
-            if let Some(name) = command_of(subject) {
-                self.note(LedgerInput::Record(
-                    name,
-                    payload,
-                    document.number,
-                    document.age,
-                ));
+            if subject.starts_with("rb.cmd.") {
+                self.record(&document);
                 continue;
             }
             match subject.starts_with("rb.up.") {
@@ -290,6 +318,7 @@ impl Driver {
         let (link, keys) = opened.subscribe(&self.files).await?;
         self.handle(CentreInput::Connected);
         self.note(LedgerInput::Connected);
+        self.note_bulk(BulkInput::Connected);
         self.error = None;
         if let Err(problem) = keys {
             // It lasts as long as the connection.
@@ -332,17 +361,7 @@ impl Driver {
                 Heard::Fleet(subject, payload, number) => {
                     self.fleet_document(&subject, &payload, number);
                 }
-                Heard::Record(document) => {
-                    if let Some(name) = command_of(&document.subject) {
-                        let record = LedgerInput::Record(
-                            name,
-                            &document.payload,
-                            document.number,
-                            document.age,
-                        );
-                        self.note(record);
-                    }
-                }
+                Heard::Record(document) => self.record(&document),
                 Heard::End(end) => self.stream_end(end),
                 Heard::Tick => {}
                 Heard::Call(call) => self.answer(call, Some(link)),
@@ -353,7 +372,7 @@ impl Driver {
 
     async fn next(&mut self, link: &mut Link) -> Heard {
         let broken = |reason: &dyn ToString| Heard::Ended(LinkEnd::Broken(ended(reason)));
-        let due = self.ledger.deadline();
+        let due = self.deadline();
         let due = due.map(|due| due.saturating_sub(since_boot()));
         let wait = due.map_or(TICK, |due| due.min(TICK));
         tokio::select! {
@@ -458,6 +477,12 @@ impl Driver {
                 });
                 self.note(LedgerInput::Read((&site, &id), of, found));
             }
+            StreamEnd::BulkStored((id, number), end, problem) => {
+                if let Some(problem) = problem {
+                    self.failed(problem);
+                }
+                self.note_bulk(BulkInput::Stored(&id, number, end));
+            }
             StreamEnd::Sent((site, id, number), end) => {
                 let said = match &end {
                     SentEnd::Answer(payload) => SiteSaid::Answer(payload),
@@ -486,7 +511,7 @@ impl Driver {
     }
 
     async fn drive(&mut self, link: &mut Link) -> Result<(), Problem> {
-        self.drive_ledger(link);
+        self.drive_commands(link);
         while let Some(output) = self.centre.poll() {
             match output {
                 CentreOutput::Reply(number, payload) => {
@@ -569,8 +594,14 @@ impl Driver {
             }
             HubCall::Groups(name, groups, to) => self.set_groups(name, &groups, link, to),
             HubCall::Remove(name, to) => self.remove(name, link.is_some(), to),
-            HubCall::Command(given, to) => self.given(given, link, to),
-            HubCall::Commands(to) => _ = to.send(view::commands(&self.ledger)),
+            HubCall::Command(given, to) => self.given(given, link, CommandCaller::Client(to)),
+            HubCall::Commands(to) => _ = to.send(view::commands(&self.ledger, &self.bulks)),
+            HubCall::GiveBulk(given, to) => self.give_bulk(given, to),
+            HubCall::StopBulk(id, who, to) => self.stop_bulk(&id, &who, to),
+            HubCall::Bulk(id, wanted, to) => _ = to.send(bulk_sites(&self.bulks, &id, &wanted)),
+            HubCall::Preview(wanted, to) => {
+                _ = to.send(preview(&self.centre, &wanted, (now, clock_s)));
+            }
         }
     }
 }

@@ -1,5 +1,6 @@
 //! The API of the centre, over its socket and over TCP, and what is required of its callers.
 
+use super::bulk::{self, BULK_BODY_MAX, BulkCall, BulkWanted, GivenBulk, PreviewWanted};
 use super::command::{self, GivenCommand};
 use super::driver::HubCall;
 use super::pages;
@@ -22,16 +23,17 @@ use axum::extract::{DefaultBodyLimit, Path, State};
 use axum::http::header::ACCEPT_LANGUAGE;
 use axum::http::{HeaderMap, Method, Response, StatusCode, Uri};
 use axum::middleware::{from_fn, from_fn_with_state};
-use axum::routing::{any, delete, get, put};
+use axum::routing::{any, delete, get, post, put};
 use axum::{Extension, Router};
 use railbus_api::fleet::{
-    FleetAccounts, FleetCommand, FleetCommands, FleetRemoval, FleetSitePoints, FleetSiteTold,
-    FleetSites, SetSiteGroups,
+    FleetAccounts, FleetBulkPreview, FleetBulkSites, FleetCommand, FleetCommandEnd, FleetCommands,
+    FleetRemoval, FleetSitePoints, FleetSiteTold, FleetSites, GiveBulk, PreviewBulk, SetSiteGroups,
 };
 use railbus_api::problem::{Problem, codes};
 use railbus_app::render::out;
 use railbus_words::width::is_shown;
 use railbus_words::{Code, Lang};
+use serde::de::DeserializeOwned;
 use std::path::Path as FilePath;
 use std::sync::{Arc, LazyLock};
 use tokio::sync::{mpsc, oneshot};
@@ -67,6 +69,39 @@ const ROUTES: &[Route] = &[
     ),
     Route::of_hub("GET", "/commands", Need::VIEWER, || get(commands))
         .doc(Doc::new("The newest commands to sites, the newest last").answers::<FleetCommands>()),
+    Route::of_hub("POST", "/commands/preview", Need::OPERATOR, || {
+        post(preview)
+    })
+    .doc(
+        Doc::new("Which sites a command would go to. Nothing is sent")
+            .takes::<PreviewBulk>()
+            .answers::<FleetBulkPreview>(),
+    ),
+    Route::of_hub("POST", "/commands", Need::OPERATOR, || {
+        post(give_bulk).layer(DefaultBodyLimit::max(BULK_BODY_MAX))
+    })
+    .doc(
+        Doc::new(
+            "Give the same command to many sites. The answer comes once it is recorded; what came \
+             of each site is told by its id",
+        )
+        .query(bulk::QUERY)
+        .takes::<GiveBulk>()
+        .answers::<FleetBulkSites>(),
+    ),
+    Route::of_hub("GET", "/commands/{id}", Need::VIEWER, || get(bulk_of)).doc(
+        Doc::new("A command to many sites, and what came of each")
+            .query(bulk::QUERY)
+            .answers::<FleetBulkSites>(),
+    ),
+    Route::of_hub("POST", "/commands/{id}/stop", Need::OPERATOR, || {
+        post(stop_bulk)
+    })
+    .doc(
+        Doc::new("Send no more of its commands. What was sent goes on")
+            .query(bulk::QUERY)
+            .answers::<FleetBulkSites>(),
+    ),
     Route::of_hub("GET", "/accounts", Need::Owner, || get(accounts))
         .doc(Doc::new("Which accounts the centre has").answers::<FleetAccounts>()),
     Route::of_hub("GET", "/openapi.json", Need::Nothing, || get(document))
@@ -227,12 +262,94 @@ async fn commands(State(api): State<HubApi>, headers: HeaderMap) -> Response<Bod
         if headers.contains_key(ACCEPT_LANGUAGE) {
             let lang = spoken(&headers, api.lang);
             for FleetCommand { end, .. } in &mut told.commands {
-                let code = end.code.as_deref().and_then(Code::from_name);
-                end.title = code.map(|code| code.page().title(lang).to_owned());
+                title(lang, end);
             }
         }
         told
     }))
+}
+
+/// The parsed body of a request.
+fn parsed<T: DeserializeOwned>(body: &[u8]) -> Result<T, Problem> {
+    body::parse(body)
+        .map_err(|error| Problem::new(codes::BAD_REQUEST).with("reason", error.to_string()))
+}
+
+async fn preview(State(api): State<HubApi>, body: Bytes) -> Response<Body> {
+    let wanted = parsed::<PreviewBulk>(&body).and_then(|wanted| PreviewWanted::new(&wanted));
+    match wanted {
+        Ok(wanted) => answer::json(call(&api.calls, |to| HubCall::Preview(wanted, to)).await),
+        Err(problem) => answer::problem(&problem),
+    }
+}
+
+/// An order to many sites. It goes on also if the caller goes away: once it is recorded, it is
+/// known by its id.
+async fn give_bulk(
+    State(api): State<HubApi>,
+    Extension(caller): Extension<Caller>,
+    asked: Asked,
+    headers: HeaderMap,
+    body: Bytes,
+) -> Response<Body> {
+    let language = headers.get(ACCEPT_LANGUAGE);
+    let language = language.and_then(|value| value.to_str().ok());
+    let who = (caller.name.as_str(), language.unwrap_or_default());
+    let given = parsed(&body).and_then(|wanted| GivenBulk::new(wanted, key(&headers), who));
+    let (given, listed) = match (given, BulkWanted::of(&asked)) {
+        (Ok(given), Ok(listed)) => (given, listed),
+        (Err(problem), _) | (_, Err(problem)) => return answer::problem(&problem),
+    };
+    let (id, what) = (given.id.clone(), BulkCall::Give(given));
+    let told = bulk::ask(&api.calls, &id, what, listed).await;
+    answer::json(told.map(|told| titled(&api, &headers, told)))
+}
+
+async fn bulk_of(
+    State(api): State<HubApi>,
+    Path(id): Path<String>,
+    asked: Asked,
+    headers: HeaderMap,
+) -> Response<Body> {
+    let told = match BulkWanted::of(&asked) {
+        Ok(wanted) => bulk::ask(&api.calls, &id, BulkCall::See, wanted).await,
+        Err(problem) => Err(problem),
+    };
+    answer::json(told.map(|told| titled(&api, &headers, told)))
+}
+
+async fn stop_bulk(
+    State(api): State<HubApi>,
+    Extension(caller): Extension<Caller>,
+    Path(id): Path<String>,
+    asked: Asked,
+    headers: HeaderMap,
+) -> Response<Body> {
+    let told = match BulkWanted::of(&asked) {
+        Ok(wanted) => {
+            let what = BulkCall::Stop(caller.name.clone());
+            bulk::ask(&api.calls, &id, what, wanted).await
+        }
+        Err(problem) => Err(problem),
+    };
+    answer::json(told.map(|told| titled(&api, &headers, told)))
+}
+
+/// What codes mean, if a language is asked for.
+fn titled(api: &HubApi, headers: &HeaderMap, mut told: FleetBulkSites) -> FleetBulkSites {
+    if headers.contains_key(ACCEPT_LANGUAGE) {
+        let lang = spoken(headers, api.lang);
+        for site in &mut told.sites {
+            title(lang, &mut site.end);
+        }
+    }
+    told
+}
+
+/// What the code of a result means.
+fn title(lang: Lang, end: &mut FleetCommandEnd) {
+    let code = end.code.as_deref().and_then(Code::from_name);
+    end.title = code.map(|code| code.page().title(lang).to_owned());
 }
 
 async fn site(State(api): State<HubApi>, Path(name): Path<String>) -> Response<Body> {
@@ -265,12 +382,9 @@ async fn set_groups(
     body: Bytes,
 ) -> Response<Body> {
     to_its_end(async move {
-        let wanted: SetSiteGroups = match body::parse(&body) {
+        let wanted: SetSiteGroups = match parsed(&body) {
             Ok(wanted) => wanted,
-            Err(error) => {
-                let problem = Problem::new(codes::BAD_REQUEST);
-                return answer::problem(&problem.with("reason", error.to_string()));
-            }
+            Err(problem) => return answer::problem(&problem),
         };
         // As they are wanted: others may have changed them since.
         let groups = wanted.groups;
@@ -327,11 +441,8 @@ async fn site_api(
     let language = language.unwrap_or_default();
     let path = format!("/{path}");
     if method == Method::PUT || method == Method::POST {
-        let key = headers.get("idempotency-key");
-        // What is no text is no key.
-        let key = key.map(|key| key.to_str().unwrap_or_default());
         let given = GivenCommand::new(
-            (name, key),
+            (name, key(&headers)),
             (method.as_str(), &path),
             body,
             (&caller.name, language),
@@ -346,6 +457,12 @@ async fn site_api(
     asked
         .await
         .unwrap_or_else(|problem| answer::problem(&problem))
+}
+
+/// The key under which a command is carried out once. What is no text is no key.
+fn key(headers: &HeaderMap) -> Option<&str> {
+    let key = headers.get("idempotency-key")?;
+    Some(key.to_str().unwrap_or_default())
 }
 
 /// Asks the driver.

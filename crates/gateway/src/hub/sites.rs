@@ -86,6 +86,11 @@ impl SitesWanted {
         })
     }
 
+    /// Whether this site is among them, at this time in seconds since 1970.
+    pub(super) fn finds(&self, view: &SiteView<'_>, clock_s: i64) -> bool {
+        self.takes(view, view.attention(clock_s).next().is_some())
+    }
+
     fn takes(&self, view: &SiteView<'_>, has_attention: bool) -> bool {
         let is_so = match self.state {
             None => true,
@@ -152,4 +157,4 @@ fn groups(centre: &Centre) -> Vec<FleetGroup> {
 }
 
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;

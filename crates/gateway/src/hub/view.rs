@@ -1,13 +1,15 @@
 //! What the centre knows, as its API has it.
 
+use super::bulk;
 use railbus_api::fleet::{
     FleetAttention, FleetCommand, FleetCommandEnd, FleetCommands, FleetPoint, FleetPresence,
     FleetSite, FleetSitePoints,
 };
 use railbus_api::types::Quality;
 use railbus_app::api::past::moment;
+use railbus_fleet::bulk::Bulks;
 use railbus_fleet::centre::{KnownPoint, SiteAttention, SitePresence, SiteView};
-use railbus_fleet::ledger::{CommandView, Ledger};
+use railbus_fleet::ledger::{CommandView, EndView, Ledger};
 use railbus_fleet::message::{ReadingQuality, UplinkValue};
 use serde_json::Value;
 use std::time::Duration;
@@ -28,7 +30,7 @@ pub(super) fn site_points(view: &SiteView<'_>, clock_s: i64) -> FleetSitePoints 
 }
 
 /// The newest commands, the newest last.
-pub(super) fn commands(ledger: &Ledger) -> FleetCommands {
+pub(super) fn commands(ledger: &Ledger, bulks: &Bulks) -> FleetCommands {
     let command = |view: &CommandView| {
         let (method, path, body) = view.what.clone();
         FleetCommand {
@@ -39,20 +41,22 @@ pub(super) fn commands(ledger: &Ledger) -> FleetCommands {
             method,
             path,
             body,
-            end: end_of(view),
+            end: view
+                .end
+                .as_ref()
+                .map_or_else(FleetCommandEnd::default, end_of),
         }
     };
     FleetCommands {
         schema: SCHEMA,
         open: ledger.open(),
         commands: ledger.recent().map(command).collect(),
+        bulk: bulk::all(bulks),
     }
 }
 
-fn end_of(view: &CommandView) -> FleetCommandEnd {
-    let Some(end) = &view.end else {
-        return FleetCommandEnd::default();
-    };
+/// The result of a command.
+pub(super) fn end_of(end: &EndView) -> FleetCommandEnd {
     FleetCommandEnd {
         how: Some(end.how.to_owned()),
         code: end.code.clone(),
@@ -99,7 +103,8 @@ const fn attention(why: SiteAttention) -> FleetAttention {
     }
 }
 
-fn point(view: &SiteView<'_>, path: &str, known: &KnownPoint) -> FleetPoint {
+/// A point of a site, as good as it is known.
+pub(super) fn point(view: &SiteView<'_>, path: &str, known: &KnownPoint) -> FleetPoint {
     let reading = &known.reading;
     let quality = match reading.quality() {
         ReadingQuality::Good => Quality::Good,

@@ -213,6 +213,13 @@ codes! {
             "输入错误 · 从未建立会话 · 已被移除"],
         next: ["railbus fleet ls", "railbus fleet ls"],
     }
+    NoBulk = "E0837" {
+        title: ["the centre knows no command to several sites with this id",
+            "中心没有该编号的多站点命令"],
+        likely: ["a typing mistake · it was to one site · newer ones took its place",
+            "输入错误 · 是单站点命令 · 已被较新的命令取代"],
+        next: ["railbus fleet commands", "railbus fleet commands"],
+    }
     ExportNoOutlet = "E0838" {
         title: ["there is no integration that this export can use", "没有此导出可用的集成"],
         likely: ["none is configured, or it is off · a typing mistake · Modbus TCP with TLS",

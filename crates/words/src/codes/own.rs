@@ -257,6 +257,14 @@ codes! {
         next: ["see how it is, railbus fleet ls, then repeat it if it is still wanted",
             "用 railbus fleet ls 查看现状，如仍需要再重试"],
     }
+    BulkUnsent = "E0185" {
+        title: ["not sent: its turn did not come", "未发送：未轮到该站点"],
+        likely: ["somebody stopped it · the centre stopped, or lost its servers · too many sites did \
+            not answer",
+            "有人中止 · 中心停止运行或与服务器断开 · 过多站点无应答"],
+        next: ["give it once more to the sites that are left, if it is still wanted",
+            "如仍需要，对剩余站点重新下达"],
+    }
     Tls = "E0190" {
         title: ["certificate or key can't be used", "证书或私钥不可用"],
         likely: ["wrong file · key of another certificate · no read permission",

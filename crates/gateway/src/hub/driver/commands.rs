@@ -3,13 +3,21 @@
 use super::{Driver, StreamEnd};
 use crate::clock::since_boot;
 use crate::hub::command::{self, GivenCommand, SentEnd};
-use crate::hub::link::Link;
+use crate::hub::link::{Document, Link};
 use crate::hub::streams::{last_of, put};
 use railbus_api::problem::Problem;
+use railbus_fleet::bulk::{BULK, BulkInput};
 use railbus_fleet::ledger::{CommandName, CommandTold, LedgerInput, LedgerOutput};
 use railbus_store::history::millis;
 use std::time::SystemTime;
 use tokio::sync::oneshot;
+
+/// Who waits for what came of a command.
+pub(super) enum CommandCaller {
+    Client(oneshot::Sender<Result<CommandTold, Problem>>),
+    /// It is one of an order to many sites: its site, and the id of both.
+    Bulk(String, String),
+}
 
 impl Driver {
     /// Answers callers. All other outputs of the ledger need a connection.
@@ -19,17 +27,35 @@ impl Driver {
                 self.tell(number, told);
             }
         }
+        self.drive_bulks(None);
     }
 
     fn tell(&mut self, number: u64, told: CommandTold) {
-        if let Some(caller) = self.callers.remove(&number) {
+        match self.callers.remove(&number) {
             // Fails if the caller is gone.
-            let _ = caller.send(Ok(told));
+            Some(CommandCaller::Client(to)) => _ = to.send(Ok(told)),
+            Some(CommandCaller::Bulk(site, id)) => {
+                self.note_bulk(BulkInput::Told((&site, &id), told));
+            }
+            None => {}
+        }
+    }
+
+    /// Carries out the outputs of the ledger and of orders to many sites, of which each gives some
+    /// to the other.
+    pub(super) fn drive_commands(&mut self, link: &mut Link) {
+        loop {
+            self.drive_ledger(link);
+            self.drive_bulks(Some(link));
+            let now = since_boot();
+            if self.deadline().is_none_or(|due| due > now) {
+                return;
+            }
         }
     }
 
     /// Carries out the outputs of the ledger.
-    pub(super) fn drive_ledger(&mut self, link: &mut Link) {
+    fn drive_ledger(&mut self, link: &mut Link) {
         while let Some(output) = self.ledger.poll(since_boot()) {
             let ends = self.ends.0.clone();
             match output {
@@ -76,15 +102,33 @@ impl Driver {
         }
     }
 
+    /// A record of a command, or of an order to many sites.
+    pub(super) fn record(&mut self, document: &Document) {
+        let Document {
+            subject,
+            payload,
+            number,
+            age,
+        } = document;
+        match command_of(subject) {
+            Some((BULK, id)) => self.note_bulk(BulkInput::Record(id, payload, *number, *age)),
+            Some(name) => {
+                self.note(LedgerInput::Record(name, payload, *number, *age));
+                self.note_bulk(BulkInput::Command(name, payload));
+            }
+            None => {}
+        }
+    }
+
     /// A caller gives a command.
     pub(super) fn given(
         &mut self,
         given: GivenCommand,
         link: Option<&Link>,
-        to: oneshot::Sender<Result<CommandTold, Problem>>,
+        caller: CommandCaller,
     ) {
         // Its caller is gone: nothing is switched.
-        if to.is_closed() {
+        if matches!(&caller, CommandCaller::Client(to) if to.is_closed()) {
             return;
         }
         let now = since_boot();
@@ -110,20 +154,23 @@ impl Driver {
         let intent = match found {
             Ok(intent) => intent,
             Err(problem) => {
-                // Fails if the client is gone.
                 let is_certain = self.has_read || !given.is_again;
-                let _ = to.send(Err(problem.perhaps_acted(!is_certain)));
-                return;
+                let problem = problem.perhaps_acted(!is_certain);
+                return match caller {
+                    // Fails if the client is gone.
+                    CommandCaller::Client(to) => _ = to.send(Err(problem)),
+                    CommandCaller::Bulk(site, id) => self.bulk_refused(&site, &id, &problem),
+                };
             }
         };
         self.number += 1;
-        self.callers.insert(self.number, to);
+        self.callers.insert(self.number, caller);
         let name = (&*given.site, &*given.id);
         self.note(LedgerInput::Given(self.number, name, intent, given.wait()));
     }
 }
 
 /// The site and the id in the subject of a command.
-pub(super) fn command_of(subject: &str) -> Option<CommandName<'_>> {
+fn command_of(subject: &str) -> Option<CommandName<'_>> {
     subject.strip_prefix("rb.cmd.")?.split_once('.')
 }

@@ -7,6 +7,7 @@ use http_body_util::BodyExt as _;
 use hyper::service::Service as _;
 use hyper_util::service::TowerToHyperService;
 use railbus_api::fleet::FleetCommandEnd;
+use railbus_fleet::bulk::BulkTold;
 use railbus_fleet::message::ApiAnswer;
 use serde_json::{Value, json};
 use std::net::{IpAddr, Ipv4Addr};
@@ -50,6 +51,7 @@ impl Here {
                             schema,
                             open,
                             commands,
+                            bulk: Vec::new(),
                         });
                     }
                     HubCall::Command(given, to) => {
@@ -69,7 +71,19 @@ impl Here {
                         let problem = Problem::new(codes::SITE_CHANGING).with("name", site);
                         let _ = to.send(Err(problem));
                     }
-                    HubCall::Sites(..) | HubCall::Site(..) => {}
+                    HubCall::GiveBulk(given, to) => {
+                        let (who, sites) = (given.order.user, given.order.sites.join(" "));
+                        let _ = told.send(format!("{who}: {sites}"));
+                        let _ = to.send(BulkTold::Known);
+                    }
+                    HubCall::StopBulk(id, who, to) => {
+                        let _ = told.send(format!("{who} stops {id}"));
+                        let _ = to.send(BulkTold::NoSuch);
+                    }
+                    HubCall::Bulk(_, _, to) => {
+                        let _ = to.send(Err(Problem::new(codes::NO_SUCH_BULK)));
+                    }
+                    HubCall::Preview(..) | HubCall::Sites(..) | HubCall::Site(..) => {}
                 }
             }
         });
@@ -291,6 +305,60 @@ async fn an_engineer_sets_the_groups_of_a_site() {
         asked.push(told);
     }
     assert_eq!(asked, ["plant7: north hall-9"]);
+}
+
+#[tokio::test]
+async fn an_operator_commands_many_sites() {
+    let mut here = Here::new("bulk");
+    let many: Vec<String> = (0..10_000).map(|at| format!("plant-{at:06}")).collect();
+    let few = vec!["a".to_owned(), "b".to_owned()];
+    let body = |sites: &[String]| {
+        let body = json!({ "value": true });
+        json!({ "sites": sites, "method": "PUT", "path": "/api/v1/points/oven/k1", "body": body })
+            .to_string()
+    };
+    let (path, mut codes) = ("/fleet/v1/commands", Vec::new());
+    for (name, role, points) in [
+        ("seer", "viewer", &[][..]),
+        ("some", "operator", &["oven.*"]),
+        ("ops", "operator", &[]),
+    ] {
+        let bearer = format!("Bearer {}", here.token(name, role, points).await);
+        let headers = [("authorization", &*bearer)];
+        for (path, body) in [
+            (path, body(&few)),
+            ("/fleet/v1/commands/b1/stop", String::new()),
+        ] {
+            let told = here.send(true, ("POST", path), &headers, &body).await;
+            codes.push(json_of(told).await["code"].clone());
+        }
+        let told = here
+            .send(true, ("GET", "/fleet/v1/commands/b1"), &headers, "")
+            .await;
+        codes.push(json_of(told).await["code"].clone());
+    }
+    let refused = ["E0905", "E0905", "E0837", "E0922", "E0922", "E0837"];
+    assert_eq!(codes[..6], refused);
+    assert_eq!(codes[6..], ["E0837", "E0837", "E0837"]);
+    // The longest list fits, and what is none is refused.
+    let told = here.send(false, ("POST", path), &[], &body(&many)).await;
+    assert_eq!(json_of(told).await["code"], "E0837");
+    for body in ["", "{}", r#"{"sites":"a"}"#, &body(&[])] {
+        let told = here.send(false, ("POST", path), &[], body).await;
+        assert_eq!(json_of(told).await["code"], "E0806", "{body}");
+    }
+    let mut asked = Vec::new();
+    while let Ok(told) = here.users.try_recv() {
+        asked.push(told.chars().take(20).collect::<String>());
+    }
+    assert_eq!(
+        asked,
+        [
+            "token:ops: a b",
+            "token:ops stops b1",
+            "owner: plant-000000 "
+        ]
+    );
 }
 
 #[tokio::test]

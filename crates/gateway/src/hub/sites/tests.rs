@@ -10,8 +10,8 @@ use railbus_fleet::message::{
 use std::time::Instant;
 
 /// Long after the centre has connected.
-const NOW: Duration = Duration::from_secs(1_000);
-const CLOCK_S: i64 = 1_795_910_400;
+pub(in crate::hub) const NOW: Duration = Duration::from_secs(1_000);
+pub(in crate::hub) const CLOCK_S: i64 = 1_795_910_400;
 
 /// Sites of this name and these points, each with or without a heartbeat just now.
 fn fleet(sites: impl IntoIterator<Item = (String, bool, Vec<String>)>) -> Centre {
@@ -73,7 +73,7 @@ fn asked(centre: &Centre, query: &[(&str, &str)]) -> FleetSites {
     sites((centre, &Ledger::default()), &wanted, (NOW, CLOCK_S), None)
 }
 
-fn three() -> Centre {
+pub(in crate::hub) fn three() -> Centre {
     let own = |paths: &[&str]| paths.iter().map(|path| (*path).to_owned()).collect();
     fleet([
         ("plant1".to_owned(), true, own(&["oven.k1", "oven.k2"])),
