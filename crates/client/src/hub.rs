@@ -4,8 +4,8 @@ use super::http::send;
 use super::{api_path, plain, read};
 use hyper::Method;
 use railbus_api::fleet::{
-    FleetAccounts, FleetCommands, FleetRemoval, FleetSitePoints, FleetSiteTold, FleetSites,
-    SetSiteGroups,
+    FleetAccounts, FleetBulkPreview, FleetBulkSites, FleetCommands, FleetRemoval, FleetSitePoints,
+    FleetSiteTold, FleetSites, GiveBulk, PreviewBulk, SetSiteGroups,
 };
 use railbus_api::problem::{Problem, codes};
 use railbus_app::socket;
@@ -108,6 +108,50 @@ impl HubClient {
         self.get("/fleet/v1/commands").await
     }
 
+    /// The sites that a command would go to. Nothing is sent.
+    ///
+    /// # Errors
+    /// It is no command, or the centre can't be reached.
+    pub async fn preview(&self, wanted: &PreviewBulk) -> Result<FleetBulkPreview, Problem> {
+        let body = serde_json::to_vec(wanted).unwrap_or_default();
+        let path = "/fleet/v1/commands/preview";
+        let said: Value = self
+            .act(Method::POST, path, body)
+            .await
+            .map_err(|problem| Problem {
+                may_have_acted: false,
+                ..problem
+            })?;
+        self.told(said)
+    }
+
+    /// Gives the same command to many sites.
+    ///
+    /// # Errors
+    /// It was not recorded, or that is not known.
+    pub async fn give_bulk(&self, wanted: &GiveBulk) -> Result<FleetBulkSites, Problem> {
+        let body = serde_json::to_vec(wanted).unwrap_or_default();
+        self.act(Method::POST, "/fleet/v1/commands", body).await
+    }
+
+    /// Wants no more commands of this order to be sent.
+    ///
+    /// # Errors
+    /// There is no such order, or that could not be recorded.
+    pub async fn stop_bulk(&self, id: &str) -> Result<FleetBulkSites, Problem> {
+        let path = format!("/fleet/v1/commands/{id}/stop");
+        self.act(Method::POST, &path, Vec::new()).await
+    }
+
+    /// A command to many sites; with its sites, or only how many are how.
+    ///
+    /// # Errors
+    /// There is no such order, or the centre can't be reached.
+    pub async fn bulk(&self, id: &str, with_sites: bool) -> Result<FleetBulkSites, Problem> {
+        let limit = if with_sites { "" } else { "?limit=0" };
+        self.get(&format!("/fleet/v1/commands/{id}{limit}")).await
+    }
+
     /// Which accounts it has.
     ///
     /// # Errors
@@ -148,7 +192,11 @@ impl HubClient {
         let answer = send(&self.socket, Method::GET, path, Vec::new()).await;
         let answer = answer.map_err(unreached)?;
         let said: Value = read(&self.socket, &answer.whole().await?)?;
-        // Sites said what it tells.
+        self.told(said)
+    }
+
+    /// What it tells, some of which sites said.
+    fn told<T: DeserializeOwned>(&self, said: Value) -> Result<T, Problem> {
         let said = serde_json::to_vec(&plain(said)).unwrap_or_default();
         read(&self.socket, &said)
     }

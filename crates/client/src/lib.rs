@@ -599,7 +599,10 @@ fn point(path: &str, what: &str) -> String {
 }
 
 /// The path of the API with these parts.
-fn api_path(parts: &[&str]) -> String {
+/// The path of a request to the API of a site: `["points", "oven", "k1"]` is
+/// `/api/v1/points/oven/k1`.
+#[must_use]
+pub fn api_path(parts: &[&str]) -> String {
     let parts: Vec<String> = parts.iter().map(|part| encoded(part)).collect();
     format!("/api/v1/{}", parts.join("/"))
 }

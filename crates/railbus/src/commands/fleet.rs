@@ -15,6 +15,7 @@ mod remove;
 mod revoke;
 #[cfg(feature = "fleet")]
 mod serve;
+mod set;
 mod site_keys;
 mod texts;
 
@@ -54,6 +55,7 @@ pub(crate) fn define(lang: Lang) -> Command {
     group
         .subcommand(ls::define(lang))
         .subcommand(get::define(lang))
+        .subcommand(set::define(lang))
         .subcommand(group::define(lang))
         .subcommand(remove::define(lang))
         .subcommand(commands::define(lang))
@@ -89,6 +91,7 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         ls::NAME => ls::run(&context, matches),
         group::NAME => group::run(&context, matches),
         remove::NAME => remove::run(&context, matches),
+        set::NAME => set::run(&context, matches),
         commands::NAME => commands::run(&context, matches),
         _ => get::run(&context, matches),
     }

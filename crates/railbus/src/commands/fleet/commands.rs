@@ -1,14 +1,16 @@
 //! `railbus fleet commands`: the commands that were given to sites, and their results.
 
 use super::FleetText;
+use super::set::{self, texts::BulkText};
 use crate::args;
 use crate::commands::{Context, ls};
 use clap::{Arg, ArgMatches, Command, value_parser};
-use railbus_api::fleet::{FleetCommand, FleetCommandEnd};
+use railbus_api::fleet::{FleetBulk, FleetBulkSite, FleetBulkState, FleetCommand, FleetCommandEnd};
 use railbus_app::failure::Failure;
 use railbus_app::render::records::Records;
 use railbus_app::render::table::Table;
 use railbus_app::render::{out, values};
+use railbus_app::texts::AppText;
 use railbus_words::{Code, Lang, time};
 use serde_json::Value;
 
@@ -20,9 +22,13 @@ const LIMIT: usize = 20;
 
 /// Its parser and help.
 pub(super) fn define(lang: Lang) -> Command {
-    let usage = "railbus fleet commands [SITE] [--limit N]";
+    let usage = "railbus fleet commands [SITE|ID] [--limit N]";
     super::verb(lang, NAME, FleetText::CommandsAbout, usage)
-        .arg(Arg::new("SITE").help(lang.get(FleetText::SiteName)))
+        .arg(
+            Arg::new("SITE")
+                .help(lang.get(FleetText::SiteOrId))
+                .value_name("SITE|ID"),
+        )
         .arg(
             args::flag(lang, "limit", FleetText::Limit)
                 .value_name("N")
@@ -30,31 +36,59 @@ pub(super) fn define(lang: Lang) -> Command {
         )
 }
 
-/// Prints the newest commands, the newest last.
+/// Prints the newest commands, the newest last; or one to many sites, with its sites.
 pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure> {
     let lang = context.lang;
     let told = super::ask(context, matches, async |hub| hub.commands().await)?;
     let site = super::text(matches, "SITE");
+    if told.bulk.iter().any(|bulk| bulk.id == site) {
+        let told = super::ask(context, matches, async |hub| hub.bulk(site, true).await)?;
+        context.note(&one_bulk(lang, &told.bulk));
+        return set::tell(context, &told);
+    }
     let limit = matches.get_one("limit").copied().unwrap_or(LIMIT);
-    let of_site = |one: &FleetCommand| site.is_empty() || one.site == site;
-    let all: Vec<FleetCommand> = told.commands.into_iter().filter(of_site).collect();
-    let newest = all
-        .get(all.len().saturating_sub(limit)..)
-        .unwrap_or_default();
+    let of_site = |one: &&FleetCommand| site.is_empty() || one.site == site;
+    let single = told.commands.iter().filter(of_site);
+    let single = single.map(|one| {
+        let row = ls::json_of(std::slice::from_ref(one));
+        let target = what(lang, (&one.method, &one.path, &one.body));
+        (
+            &one.at,
+            row,
+            [
+                one.site.clone(),
+                target,
+                one.user.clone(),
+                result(lang, &one.end),
+            ],
+        )
+    });
+    let many = told.bulk.iter().filter(|_| site.is_empty()).map(|bulk| {
+        let row = ls::json_of(std::slice::from_ref(bulk));
+        let target = what(lang, (&bulk.method, &bulk.path, &bulk.body));
+        let sites = match bulk.counts.all {
+            1 => lang.get(BulkText::OneSite).to_owned(),
+            count => lang.fill(BulkText::ManySites, &[("count", &count)]),
+        };
+        (
+            &bulk.at,
+            row,
+            [sites, target, bulk.user.clone(), counted(lang, bulk)],
+        )
+    });
+    let mut all: Vec<_> = single.chain(many).collect();
+    all.sort_by_key(|(at, ..)| *at);
+    let newest = all.split_off(all.len().saturating_sub(limit));
     let table = Table::new(lang.get(FleetText::CommandsHead).split('|'));
     let mut table = table.spare(&[3, 0]);
-    for one in newest {
-        table.add([
-            when(&one.at),
-            one.site.clone(),
-            what(lang, one),
-            one.user.clone(),
-            result(lang, &one.end),
-        ]);
+    let mut rows = Vec::new();
+    for (at, row, [site, target, user, result]) in newest {
+        rows.extend(row);
+        table.add([when(at), site, target, user, result]);
     }
     let shown = Records {
         key: "commands",
-        rows: ls::json_of(newest),
+        rows,
         columns: &[
             "at",
             "site",
@@ -74,6 +108,38 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
     out::result(lang, &shown.render(context.format))
 }
 
+/// What a command to many sites was, and who gave it.
+fn one_bulk(lang: Lang, bulk: &FleetBulk) -> String {
+    let target = what(lang, (&bulk.method, &bulk.path, &bulk.body));
+    let parts = [
+        when(&bulk.at),
+        target,
+        bulk.user.clone(),
+        counted(lang, bulk),
+    ];
+    parts.join("  ")
+}
+
+/// How many sites are how, those that are at all.
+fn counted(lang: Lang, bulk: &FleetBulk) -> String {
+    let counts = &bulk.counts;
+    let all = [
+        (counts.done, BulkText::DoneAt),
+        (counts.unconfirmed, BulkText::UnconfirmedAt),
+        (counts.failed, BulkText::FailedAt),
+        (counts.never, BulkText::NeverAt),
+        (counts.unknown, BulkText::UnknownAt),
+        (counts.sent, BulkText::OpenAt),
+        (counts.waiting, BulkText::WaitingAt),
+    ];
+    let some = all.into_iter().filter(|(count, _)| *count > 0);
+    let some = some.map(|(count, text)| lang.fill(text, &[("count", &count)]));
+    let stopped = bulk.stopped_by.as_ref();
+    let stopped = stopped.map(|who| lang.fill(BulkText::StoppedBy, &[("who", who)]));
+    let parts: Vec<String> = some.chain(stopped).collect();
+    parts.join(lang.get(AppText::Comma))
+}
+
 /// A time by the clock of this machine.
 fn when(at: &str) -> String {
     match at.parse::<jiff::Timestamp>() {
@@ -83,12 +149,9 @@ fn when(at: &str) -> String {
 }
 
 /// A command, as it is written at the terminal.
-fn what(lang: Lang, command: &FleetCommand) -> String {
-    let path = command
-        .path
-        .strip_prefix("/api/v1/")
-        .unwrap_or(&command.path);
-    let body: Value = serde_json::from_str(&command.body).unwrap_or_default();
+fn what(lang: Lang, (method, path, text): (&str, &str, &str)) -> String {
+    let path = path.strip_prefix("/api/v1/").unwrap_or(path);
+    let body: Value = serde_json::from_str(text).unwrap_or_default();
     let state = |value: Option<&Value>| {
         let on = value.and_then(Value::as_bool);
         on.map(|on| values::state(lang, on).to_owned())
@@ -119,7 +182,15 @@ fn what(lang: Lang, command: &FleetCommand) -> String {
         }),
         _ => None,
     };
-    known.unwrap_or_else(|| format!("{} {path} {}", command.method, command.body))
+    known.unwrap_or_else(|| format!("{method} {path} {text}"))
+}
+
+/// What became of a site of a command to many.
+pub(super) fn bulk_result(lang: Lang, site: &FleetBulkSite) -> String {
+    match site.state {
+        FleetBulkState::Waiting => lang.get(BulkText::NotSentYet).to_owned(),
+        _ => result(lang, &site.end),
+    }
 }
 
 /// Its result.

@@ -77,7 +77,8 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
     }
 }
 
-fn value(lang: Lang, value: Option<&Value>) -> String {
+/// A value, as it is read.
+pub(super) fn value(lang: Lang, value: Option<&Value>) -> String {
     match value {
         None | Some(Value::Null) => "–".to_owned(),
         Some(Value::Bool(on)) => values::state(lang, *on).to_owned(),
@@ -86,7 +87,8 @@ fn value(lang: Lang, value: Option<&Value>) -> String {
     }
 }
 
-fn quality(lang: Lang, point: &FleetPoint) -> String {
+/// The quality of a point, and why it is not good.
+pub(super) fn quality(lang: Lang, point: &FleetPoint) -> String {
     let of_site = match point.reason.as_deref() {
         Some("site_offline") => Some(FleetText::SiteOffline),
         Some("site_unknown") => Some(FleetText::SiteUnknown),

@@ -15,6 +15,7 @@ railbus_words::texts! {
   railbus fleet join plant7.invitation
   railbus fleet get plant7 oven.k1
   railbus set -s plant7 oven.k1 on
+  railbus fleet set oven.k1 on --group north
   railbus fleet revoke acme plant7",
         zh: "  railbus fleet demo
   railbus fleet init acme --nats nats1,nats2,nats3
@@ -23,6 +24,7 @@ railbus_words::texts! {
   railbus fleet join plant7.invitation
   railbus fleet get plant7 oven.k1
   railbus set -s plant7 oven.k1 on
+  railbus fleet set oven.k1 on --group north
   railbus fleet revoke acme plant7",
     }
     Init {
@@ -248,6 +250,10 @@ press Ctrl-C to stop",
     NoEndYet { en: "no answer yet", zh: "尚无应答" }
     NeverKnown { en: "not known whether it was carried out", zh: "不知道是否已执行" }
     SiteName { en: "The site", zh: "站点" }
+    SiteOrId {
+        en: "The site; or the id of a command to several sites, to see what came of each",
+        zh: "站点；或多站点命令的编号，显示各站点的结果",
+    }
     Points {
         en: "Modules or points, such as oven or oven.k1 [all]",
         zh: "模块或点位，如 oven 或 oven.k1 [全部]",

@@ -13,7 +13,7 @@ pub(in crate::commands) enum State {
 
 impl State {
     /// Parses the name of a state, in either language.
-    pub(super) fn from_word(word: &str) -> Option<State> {
+    pub(in crate::commands) fn from_word(word: &str) -> Option<State> {
         Some(match word.to_ascii_lowercase().as_str() {
             "on" | "1" | "true" | "接通" | "吸合" | "合" => State::On,
             "off" | "0" | "false" | "断开" | "分" => State::Off,
