@@ -58,6 +58,8 @@ def ledger(fleet, site=None):
         for seq in range(state.first_seq, state.last_seq + 1) if state.messages else ():
             message = await streams.get_msg("LEDGER", seq)
             _, _, its, name = message.subject.split(".")
+            if its == "BULK":
+                continue
             record = form.CommandRecord.FromString(message.data)
             found.setdefault((its, name), []).append(record)
         await centre.close()

@@ -124,14 +124,15 @@ def daemons(words):
 def fleets(words):
     """The same for suites with servers, sites and centres of a fleet. They wait most of the time,
     and so run beside the others."""
+    import fleet_bulk_suite
     import fleet_command_suite
     import fleet_hub_suite
     import fleet_join_suite
     import fleet_suite
     import fleet_uplink_suite
 
-    return chosen((fleet_command_suite, fleet_join_suite, fleet_hub_suite, fleet_uplink_suite,
-                   fleet_suite), words)
+    return chosen((fleet_command_suite, fleet_bulk_suite, fleet_join_suite, fleet_hub_suite,
+                   fleet_uplink_suite, fleet_suite), words)
 
 
 def alone(words):

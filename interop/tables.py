@@ -747,6 +747,12 @@ what is only asked: not carried out
 over the network: {nobody without an account,each by its role,the record says who,a session,TLS}
 """
 
+FLEET_BULK = """
+many sites: {each has its own result,at two processes at once}
+many sites: once, whoever repeats it
+many sites: {stop,kill,the servers are away,by the command line}
+"""
+
 FLEET_LEADERS = """
 leaders that die
 """
@@ -794,6 +800,7 @@ TABLES = {
     "fleet, the centre": FLEET_HUB,
     "fleet, keys": FLEET_JOIN,
     "fleet, commands": FLEET_COMMANDS,
+    "fleet, commands to many sites": FLEET_BULK,
     "fleet, leaders": FLEET_LEADERS,
     "Modbus RTU slave": MODBUS_RTU_SLAVE,
 }
