@@ -11,6 +11,7 @@
 //!   centre has its data: `uplink`. Which machine is a site, which sites are there, and what is
 //!   known of their points: `centre`. Commands to sites, and their results: `ledger`; one to many
 //!   sites: `bulk`.
+//! - A configuration from the centre, tried at a site: `trial`.
 //! - Keys that are let in no longer: `revocation`.
 //! - A new fleet with all its files: `founding`; a server's configuration: `server_file`; its
 //!   certificates: `certificates`.
@@ -53,6 +54,7 @@ pub mod message;
 mod names;
 pub mod revocation;
 mod server_file;
+pub mod trial;
 pub mod uplink;
 
 pub use creds::{

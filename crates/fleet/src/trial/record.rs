@@ -1,0 +1,140 @@
+//! What is on the disk about a configuration from the centre, and what a start makes of it.
+
+use super::ConfigPhase;
+use sha2::{Digest as _, Sha256};
+
+/// A trial that is not over. It is on the disk before the file is changed.
+#[derive(Clone, PartialEq, Eq, prost::Message)]
+pub struct TrialRecord {
+    /// The version that is tried.
+    #[prost(uint64, tag = "1")]
+    pub version: u64,
+    /// The text of the file before.
+    #[prost(string, tag = "2")]
+    pub before: String,
+    /// Its text now, or soon.
+    #[prost(string, tag = "3")]
+    pub after: String,
+}
+
+/// What became of the configurations that the centre wanted so far.
+#[derive(Clone, PartialEq, Eq, prost::Message)]
+pub struct ManagedRecord {
+    /// The version that was kept last; 0 if none was.
+    #[prost(uint64, tag = "1")]
+    pub kept: u64,
+    /// The SHA-256 of its text.
+    #[prost(bytes = "vec", tag = "2")]
+    pub hash: Vec<u8>,
+    /// What became of a later one, if it was not kept.
+    #[prost(message, optional, tag = "3")]
+    pub verdict: Option<Verdict>,
+}
+
+/// Why a version was not kept.
+#[derive(Clone, PartialEq, Eq, prost::Message)]
+pub struct Verdict {
+    /// The version.
+    #[prost(uint64, tag = "1")]
+    pub version: u64,
+    /// How it ended.
+    #[prost(enumeration = "VerdictKind", tag = "2")]
+    pub kind: i32,
+    /// Why, in English.
+    #[prost(string, tag = "3")]
+    pub reason: String,
+}
+
+/// How a version ended that was not kept.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, prost::Enumeration)]
+#[repr(i32)]
+pub enum VerdictKind {
+    /// One of a newer version of railbus.
+    Unspecified = 0,
+    /// It was never applied.
+    Refused = 1,
+    /// It was tried, and the text before came back.
+    RolledBack = 2,
+}
+
+impl ManagedRecord {
+    /// The latest version of which the end is known.
+    pub(super) fn newest(&self) -> u64 {
+        let other = self.verdict.as_ref().map_or(0, |verdict| verdict.version);
+        self.kept.max(other)
+    }
+
+    /// The same, and this version is kept.
+    pub(super) fn kept(&self, version: u64, text: &str) -> ManagedRecord {
+        ManagedRecord {
+            kept: version,
+            hash: hash(text),
+            verdict: None,
+        }
+    }
+
+    /// The same, and this one was not.
+    pub(super) fn with(&self, verdict: Verdict) -> ManagedRecord {
+        ManagedRecord {
+            verdict: Some(verdict),
+            ..self.clone()
+        }
+    }
+
+    /// How far it is, where the file has this text.
+    pub(super) fn phase(&self, file: &str) -> ConfigPhase {
+        match &self.verdict {
+            Some(verdict) => ConfigPhase::Ended(verdict.clone()),
+            None if self.kept == 0 => ConfigPhase::Unmanaged,
+            None if self.hash == hash(file) => ConfigPhase::Current(self.kept),
+            None => ConfigPhase::LocalChange(self.kept),
+        }
+    }
+}
+
+fn hash(text: &str) -> Vec<u8> {
+    Sha256::digest(text.as_bytes()).to_vec()
+}
+
+/// What is to be done at the start, in this order, before the file is used: its text is replaced,
+/// the record stored, and the record of the trial deleted.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Recovery {
+    /// The text that the file is to have.
+    pub file: Option<String>,
+    /// What is to be stored, and counts from now on.
+    pub managed: ManagedRecord,
+}
+
+/// What a start finds: the text of the file, a trial that was not over, and what is recorded. None
+/// if there was no trial.
+#[must_use]
+pub fn recover(
+    file: &str,
+    trial: Option<&TrialRecord>,
+    managed: &ManagedRecord,
+) -> Option<Recovery> {
+    let trial = trial?;
+    let as_it_is = Recovery {
+        file: None,
+        managed: managed.clone(),
+    };
+    // Its end is recorded: only the record of the trial was left.
+    if managed.newest() >= trial.version {
+        return Some(as_it_is);
+    }
+    // It was not written yet, or is written no longer: the centre may want it again. Or somebody
+    // has changed it here, and that is what counts.
+    if file != trial.after {
+        return Some(as_it_is);
+    }
+    let verdict = Verdict {
+        version: trial.version,
+        kind: VerdictKind::RolledBack.into(),
+        reason: "the site was restarted while it was tried".to_owned(),
+    };
+    Some(Recovery {
+        file: Some(trial.before.clone()),
+        managed: managed.with(verdict),
+    })
+}

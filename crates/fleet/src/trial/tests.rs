@@ -1,0 +1,336 @@
+mod cuts;
+
+use super::*;
+
+const S: fn(u64) -> Duration = Duration::from_secs;
+
+fn names(of: &[&str]) -> BTreeSet<String> {
+    of.iter().map(ToString::to_string).collect()
+}
+
+/// All that is configured works.
+fn well() -> TrialHealth {
+    TrialHealth {
+        lines: names(&["hall", "yard"]),
+        lines_up: names(&["hall", "yard"]),
+        modules: names(&["oven", "tank"]),
+        modules_online: names(&["oven", "tank"]),
+        has_session: true,
+        panics: 0,
+    }
+}
+
+fn wanted(version: u64, text: &str) -> WantedConfig {
+    WantedConfig {
+        version,
+        text: text.to_owned(),
+    }
+}
+
+/// A site whose file says "old".
+struct Site(ConfigTrial, Duration);
+
+impl Site {
+    fn new() -> Site {
+        let mut site = Site(
+            ConfigTrial::new(ManagedRecord::default(), "old".to_owned()),
+            S(100),
+        );
+        site.says(well());
+        site
+    }
+
+    fn says(&mut self, health: TrialHealth) {
+        self.0.handle(self.1, TrialInput::Health(health));
+    }
+
+    fn wants(&mut self, version: u64, text: &str) {
+        self.0
+            .handle(self.1, TrialInput::Wanted(wanted(version, text)));
+    }
+
+    fn next(&mut self) -> Option<TrialOutput> {
+        self.0.poll(self.1)
+    }
+
+    /// The only output, and its result.
+    fn does(&mut self, done: TrialDone) -> TrialOutput {
+        let output = self.next().expect("something is to be done");
+        assert_eq!(self.next(), None);
+        self.0.handle(self.1, TrialInput::Done(done));
+        output
+    }
+
+    /// It is checked, recorded, and applied.
+    fn tries(&mut self, version: u64, text: &str) {
+        self.wants(version, text);
+        assert_eq!(
+            self.does(TrialDone::Ok),
+            TrialOutput::Check(text.to_owned())
+        );
+        assert!(matches!(
+            self.does(TrialDone::Ok),
+            TrialOutput::StoreTrial(_)
+        ));
+        let applied = self.does(TrialDone::Ok);
+        assert_eq!(
+            applied,
+            TrialOutput::Apply("old".to_owned(), text.to_owned())
+        );
+        assert_eq!(self.next(), None);
+        assert_eq!(self.0.phase(), ConfigPhase::Trying(version));
+    }
+
+    /// After the time of a trial the site works so.
+    fn after_trial(&mut self, health: TrialHealth) {
+        self.1 += TRIAL;
+        self.says(health);
+    }
+
+    /// What is recorded at the end, and the record of the trial is deleted.
+    fn ends(&mut self) -> ManagedRecord {
+        let output = self.does(TrialDone::Ok);
+        let TrialOutput::StoreManaged(record) = output else {
+            panic!("{output:?}");
+        };
+        assert_eq!(self.does(TrialDone::Ok), TrialOutput::RemoveTrial);
+        assert_eq!(self.next(), None);
+        record
+    }
+
+    /// It is taken back; why.
+    fn takes_back(&mut self) -> String {
+        let back = TrialOutput::Apply("new".to_owned(), "old".to_owned());
+        assert_eq!(self.does(TrialDone::Ok), back);
+        let verdict = self.ends().verdict.expect("there is one");
+        assert_eq!(verdict.kind(), VerdictKind::RolledBack);
+        assert_eq!(self.0.phase(), ConfigPhase::Ended(verdict.clone()));
+        assert_eq!(self.0.file(), "old");
+        verdict.reason
+    }
+}
+
+#[test]
+fn one_with_which_the_site_works_is_kept() {
+    let mut site = Site::new();
+    assert_eq!(site.0.phase(), ConfigPhase::Unmanaged);
+    site.tries(3, "new");
+    site.1 += TRIAL - S(1);
+    site.says(well());
+    assert_eq!(site.next(), None);
+    site.1 += S(1);
+    // What was said before does not count: the machine may have slept.
+    site.wants(2, "older");
+    assert_eq!(site.next(), None);
+    site.says(well());
+    let record = site.ends();
+    assert_eq!((record.kept, record.verdict), (3, None));
+    assert_eq!(site.0.phase(), ConfigPhase::Current(3));
+    // It is not wanted twice, and nothing older is.
+    site.wants(3, "new");
+    site.wants(2, "older");
+    assert_eq!(site.next(), None);
+    site.0
+        .handle(site.1, TrialInput::File("by hand".to_owned()));
+    assert_eq!(site.0.phase(), ConfigPhase::LocalChange(3));
+}
+
+#[test]
+fn one_with_which_something_is_missing_is_taken_back() {
+    let less = |change: fn(&mut TrialHealth)| {
+        let mut health = well();
+        change(&mut health);
+        let mut site = Site::new();
+        site.tries(3, "new");
+        site.after_trial(health);
+        site.takes_back()
+    };
+    let no_line = less(|health| health.lines_up = names(&["hall"]));
+    assert_eq!(no_line, "line yard is not open any more");
+    let no_module = less(|health| health.modules_online = names(&["tank"]));
+    assert_eq!(no_module, "module oven does not answer any more");
+    let no_session = less(|health| health.has_session = false);
+    assert_eq!(no_session, "there is no session with the centre");
+    // At once.
+    let mut site = Site::new();
+    site.tries(3, "new");
+    let panics = 1;
+    site.says(TrialHealth { panics, ..well() });
+    assert_eq!(site.takes_back(), "a part of the program panicked");
+    // Nor is it tried again, except as another version.
+    site.wants(3, "new");
+    assert_eq!(site.next(), None);
+    site.wants(4, "new");
+    assert_eq!(site.next(), Some(TrialOutput::Check("new".to_owned())));
+}
+
+#[test]
+fn what_did_not_work_before_or_is_not_wanted_any_more_is_not_missing() {
+    let mut site = Site::new();
+    let mut before = well();
+    before.modules_online = names(&["tank"]);
+    before.lines_up = names(&["hall"]);
+    site.says(before.clone());
+    site.tries(3, "new");
+    before.modules = names(&["oven"]);
+    before.modules_online = names(&[]);
+    site.after_trial(before);
+    assert_eq!(site.ends().kept, 3);
+}
+
+#[test]
+fn one_that_is_refused_changes_nothing() {
+    let mut site = Site::new();
+    site.wants(3, "bad");
+    let why = "line 2, column 5: what is this".to_owned();
+    site.does(TrialDone::Refused(why.clone()));
+    let verdict = site.ends().verdict.expect("there is one");
+    assert_eq!(
+        (verdict.kind(), &verdict.reason),
+        (VerdictKind::Refused, &why)
+    );
+    assert_eq!(site.0.file(), "old");
+    // Also where that is known only once it is applied.
+    site.wants(4, "new");
+    site.does(TrialDone::Ok);
+    site.does(TrialDone::Ok);
+    site.does(TrialDone::Refused(why));
+    assert_eq!(site.ends().verdict.expect("there is one").version, 4);
+    assert_eq!(site.0.file(), "old");
+}
+
+#[test]
+fn a_later_one_takes_its_turn_after_a_trial() {
+    let mut site = Site::new();
+    site.tries(3, "new");
+    site.wants(4, "newer");
+    site.wants(5, "newest");
+    site.wants(4, "newer");
+    assert_eq!(site.next(), None);
+    site.after_trial(well());
+    site.ends_and_checks("newest");
+}
+
+impl Site {
+    /// The end of a trial, after which this one is checked.
+    fn ends_and_checks(&mut self, text: &str) {
+        assert!(matches!(
+            self.does(TrialDone::Ok),
+            TrialOutput::StoreManaged(_)
+        ));
+        assert_eq!(self.does(TrialDone::Ok), TrialOutput::RemoveTrial);
+        assert_eq!(self.next(), Some(TrialOutput::Check(text.to_owned())));
+    }
+}
+
+#[test]
+fn a_disk_that_refuses_is_tried_again() {
+    let full = || TrialDone::Failed("disk full".to_owned());
+    let mut site = Site::new();
+    site.wants(3, "new");
+    site.does(TrialDone::Ok);
+    site.does(full());
+    assert_eq!(site.next(), None);
+    assert_eq!(
+        site.0.phase(),
+        ConfigPhase::Pending(3, "disk full".to_owned())
+    );
+    site.1 += AGAIN;
+    site.does(TrialDone::Ok);
+    site.does(TrialDone::Ok);
+    // The file itself: the record of the trial must not stay.
+    site.does(full());
+    assert_eq!(site.does(TrialDone::Ok), TrialOutput::RemoveTrial);
+    assert_eq!((site.next(), site.0.file()), (None, "old"));
+    assert_eq!(
+        site.0.phase(),
+        ConfigPhase::Pending(3, "disk full".to_owned())
+    );
+    site.1 += AGAIN;
+    site.does(TrialDone::Ok);
+    site.does(TrialDone::Ok);
+    site.does(TrialDone::Ok);
+    // The text before must come back, however long that takes.
+    let mut dead = well();
+    dead.lines_up = names(&[]);
+    site.after_trial(dead);
+    for _ in 0..3 {
+        site.does(full());
+        assert_eq!(
+            (site.next(), site.0.phase()),
+            (None, ConfigPhase::Trying(3))
+        );
+        site.1 += AGAIN;
+    }
+    let back = TrialOutput::Apply("new".to_owned(), "old".to_owned());
+    assert_eq!(site.does(TrialDone::Ok), back);
+    assert!(matches!(site.does(full()), TrialOutput::StoreManaged(_)));
+    site.1 += AGAIN;
+    assert!(matches!(
+        site.does(TrialDone::Ok),
+        TrialOutput::StoreManaged(_)
+    ));
+    assert_eq!(site.does(full()), TrialOutput::RemoveTrial);
+    site.1 += AGAIN;
+    assert_eq!(site.does(TrialDone::Ok), TrialOutput::RemoveTrial);
+    assert_eq!((site.next(), site.0.deadline()), (None, None));
+}
+
+#[test]
+fn what_is_changed_here_is_not_overwritten_unseen() {
+    let changed = || TrialDone::Changed("by hand".to_owned());
+    let mut site = Site::new();
+    site.wants(3, "new");
+    site.does(TrialDone::Ok);
+    site.does(TrialDone::Ok);
+    site.does(changed());
+    assert_eq!(site.does(TrialDone::Ok), TrialOutput::RemoveTrial);
+    site.1 += AGAIN;
+    // Checked against what is there now.
+    assert_eq!(
+        site.does(TrialDone::Ok),
+        TrialOutput::Check("new".to_owned())
+    );
+    let stored = site.does(TrialDone::Ok);
+    let TrialOutput::StoreTrial(record) = stored else {
+        panic!("{stored:?}");
+    };
+    assert_eq!(record.before, "by hand");
+    site.does(TrialDone::Ok);
+    site.after_trial(TrialHealth {
+        has_session: false,
+        ..well()
+    });
+    // A change during the trial stays.
+    site.does(TrialDone::Changed("by hand again".to_owned()));
+    site.ends();
+    assert_eq!(site.0.file(), "by hand again");
+}
+
+#[test]
+fn one_that_is_there_already_needs_no_trial() {
+    let mut site = Site::new();
+    site.wants(3, "old");
+    site.does(TrialDone::Ok);
+    assert_eq!(site.ends().kept, 3);
+    assert_eq!(site.0.phase(), ConfigPhase::Current(3));
+}
+
+#[test]
+fn a_start_leaves_what_was_changed_here() {
+    let trial = TrialRecord {
+        version: 3,
+        before: "old".to_owned(),
+        after: "new".to_owned(),
+    };
+    let managed = ManagedRecord::default();
+    let found = |file| recover(file, Some(&trial), &managed).expect("there was a trial");
+    assert_eq!(found("by hand").file, None);
+    // It was not written yet: the centre may want it again.
+    assert_eq!(found("old"), found("by hand"));
+    assert_eq!(found("old").managed, managed);
+    let back = found("new");
+    assert_eq!(back.file.as_deref(), Some("old"));
+    assert_eq!(back.managed.newest(), 3);
+    assert_eq!(recover("new", None, &managed), None);
+}
