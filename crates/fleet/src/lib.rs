@@ -11,7 +11,7 @@
 //!   centre has its data: `uplink`. Which machine is a site, which sites are there, and what is
 //!   known of their points: `centre`. Commands to sites, and their results: `ledger`; one to many
 //!   sites: `bulk`.
-//! - A configuration from the centre, tried at a site: `trial`.
+//! - A configuration for a site, signed: `desired`; tried there: `trial`.
 //! - Keys that are let in no longer: `revocation`.
 //! - A new fleet with all its files: `founding`; a server's configuration: `server_file`; its
 //!   certificates: `certificates`.
@@ -43,6 +43,7 @@ pub mod centre;
 mod certificates;
 mod claims;
 mod creds;
+pub mod desired;
 #[cfg(test)]
 mod dice;
 pub mod founding;

@@ -237,6 +237,37 @@ pub struct ApiAnswer {
     pub took_ms: u64,
 }
 
+/// A configuration for a site, as it is signed.
+#[derive(Clone, PartialEq, Eq, prost::Message)]
+pub struct ConfigDocument {
+    /// The site.
+    #[prost(string, tag = "1")]
+    pub site: String,
+    /// A later one is higher; the first one is 1.
+    #[prost(uint64, tag = "2")]
+    pub version: u64,
+    /// The whole text of its file.
+    #[prost(string, tag = "3")]
+    pub text: String,
+    /// The name of who wanted it.
+    #[prost(string, tag = "4")]
+    pub user: String,
+    /// When, in milliseconds since 1970.
+    #[prost(int64, tag = "5")]
+    pub at_ms: i64,
+}
+
+/// The same with its signature.
+#[derive(Clone, PartialEq, Eq, prost::Message)]
+pub struct SignedConfig {
+    /// A [`ConfigDocument`], encoded.
+    #[prost(bytes = "vec", tag = "1")]
+    pub document: Vec<u8>,
+    /// By Ed25519.
+    #[prost(bytes = "vec", tag = "2")]
+    pub signature: Vec<u8>,
+}
+
 /// Entries that are there no longer.
 #[derive(Clone, Copy, PartialEq, prost::Message)]
 pub struct Dropped {
