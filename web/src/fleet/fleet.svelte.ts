@@ -1,11 +1,16 @@
 // The state of the whole fleet: how many sites there are, and the centre's connection to its servers.
 import { get } from "../api/client";
 import { lostAt, markHeard, STALE_AFTER_MS } from "../api/link.svelte";
+import type { Resource } from "../api/resource.svelte";
 import { clock } from "../lib/clock.svelte";
 import type { FleetSites } from "../api/types";
 
 /** How often pages ask the centre for what they show. */
 export const LOOK_MS = 2_000;
+/** How many sites are shown before more are asked for. */
+export const PAGE = 100;
+/** The status of what is not there. */
+export const NOT_FOUND = 404;
 
 let summary = $state.raw<FleetSites | null>(null);
 let busy = false;
@@ -29,8 +34,20 @@ export async function look(): Promise<void> {
   }
 }
 
+/** Whether an answer that was asked for at this time should have been followed by another one. */
+export const isOld = (asked: number): boolean => Math.abs(clock() - asked) >= STALE_AFTER_MS;
+
 /** Whether an answer that was asked for at this time says how it is now. */
 export function isNow(asked: number, connection: FleetSites["connection"] | undefined): boolean {
   // Also not where the browser's clock was set back.
-  return lostAt() === null && connection?.connected === true && Math.abs(clock() - asked) < STALE_AFTER_MS;
+  return lostAt() === null && connection?.connected === true && !isOld(asked);
+}
+
+/** Looks again and again for what is not there: it may come. */
+export function whileNone(found: Resource<unknown>): void {
+  $effect(() => {
+    if (found.problem?.status !== NOT_FOUND) return;
+    const timer = setInterval(() => void found.refetch(), LOOK_MS);
+    return () => clearInterval(timer);
+  });
 }

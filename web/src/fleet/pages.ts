@@ -1,10 +1,12 @@
 // The pages of a centre. The pages of a site are the site's own, at `/s/SITE/`.
 import type { Page } from "../app/pages";
 
+const later = (name: keyof typeof import("./later")) => async () => ({ default: (await import("./later"))[name] });
+
 export const FLEET_PAGES: readonly Page[] = [
-  { path: "/", title: "fleet_sites", load: () => import("./Sites.svelte"), icon: "overview", group: 0, role: "viewer", daily: true },
-  { path: "/sites/:name", title: "fleet_site", load: () => import("./Site.svelte"), role: "viewer" },
-  { path: "/commands", title: "fleet_commands", load: () => import("./Commands.svelte"), icon: "events", group: 0, role: "viewer", daily: true },
+  { path: "/", title: "fleet_sites", load: later("Sites"), icon: "overview", group: 0, role: "viewer", daily: true },
+  { path: "/sites/:name", title: "fleet_site", load: later("Site"), role: "viewer" },
+  { path: "/commands", title: "fleet_commands", load: later("Commands"), icon: "events", group: 0, role: "viewer", daily: true },
   {
     path: "/users",
     title: "nav_users",
