@@ -1,4 +1,5 @@
 // The state of the whole fleet: how many sites there are, and the centre's connection to its servers.
+import { currentSession, may } from "../access/session.svelte";
 import { get } from "../api/client";
 import { lostAt, markHeard, STALE_AFTER_MS } from "../api/link.svelte";
 import type { Resource } from "../api/resource.svelte";
@@ -51,3 +52,6 @@ export function whileNone(found: Resource<unknown>): void {
     return () => clearInterval(timer);
   });
 }
+
+/** Whether the user may command sites. Who is limited to points of a site can't be held to them here. */
+export const mayCommand = (): boolean => may("operator") && !currentSession()?.user?.points.length;

@@ -1,7 +1,7 @@
 // Sites, their points and commands to them in words.
 import { joinList, t, textOr, withDetail } from "../i18n/index.svelte";
 import { span } from "../lib/format";
-import type { FleetCommand, FleetPoint, FleetSite } from "../api/types";
+import type { FleetBulk, FleetBulkState, FleetCommand, FleetCommandEnd, FleetPoint, FleetSite } from "../api/types";
 
 /** How long ago something was that was `ms` ago when it was told. */
 export const agoText = (ms: number, since: number): string =>
@@ -10,7 +10,7 @@ export const agoText = (ms: number, since: number): string =>
 // `now`: the centre hears its servers, and said it just now. Nothing else is told as a fact of now.
 
 /** How a site is: the kind of its tag, and its word. */
-export function presence(site: FleetSite, now: boolean): { kind: "good" | "bad" | "past"; text: string } {
+export function presence(site: Pick<FleetSite, "presence">, now: boolean): { kind: "good" | "bad" | "past"; text: string } {
   if (!now || site.presence === "unknown") return { kind: "past", text: t("fleet_is_unknown") };
   if (site.presence === "online") return { kind: "good", text: t("fleet_is_online") };
   return { kind: "bad", text: t("fleet_is_offline") };
@@ -49,7 +49,11 @@ export function qualityText({ quality, reason }: FleetPoint, now: boolean): stri
   return withDetail(word, textOr(`fleet_r_${reason}`, textOr(`reason_${reason}`, reason)));
 }
 
-const onOff = (value: unknown): string => (typeof value === "boolean" ? t(value ? "on" : "off") : String(value ?? ""));
+function onOff(value: unknown): string {
+  if (typeof value === "boolean") return t(value ? "on" : "off");
+  const word = String(value ?? "");
+  return textOr(`fleet_verb_${word}`, word);
+}
 
 type Given = Record<string, unknown>;
 
@@ -64,10 +68,19 @@ function given(body: string): Given {
   }
 }
 
+/** A part of a path. */
+function decoded(part: string): string {
+  try {
+    return decodeURIComponent(part);
+  } catch {
+    return part;
+  }
+}
+
 /** A command, as a technician would say it; as the request if it is none of those known here. */
-export function commandText({ method, path, body }: FleetCommand): string {
+export function commandText({ method, path, body }: Pick<FleetCommand, "method" | "path" | "body">): string {
   const request = path.replace(/^\/api\/v1\//, "");
-  const way = request.split("/");
+  const way = request.split("/").map(decoded);
   const [what, name = "", label = "", verb = ""] = way;
   const { value, set } = given(body);
   if (what === "points" && way.length === 3) return `${name}.${label} ${onOff(value)}`;
@@ -86,18 +99,35 @@ function oneOf(entry: unknown): string {
   return typeof path === "string" ? `${path} ${onOff(value)}` : "";
 }
 
-/** Its result: whether it is a good one, in words. */
-export function resultText(command: FleetCommand): { good: boolean; text: string } {
-  const why = [command.code, command.title].filter(Boolean).join(" ");
-  switch (command.how) {
-    case undefined:
-      return { good: true, text: t("fleet_end_none") };
-    case "answered":
-      if (command.code) return { good: false, text: why };
-      return { good: true, text: t(command.confirmed === "sent" ? "fleet_end_sent" : "fleet_end_done") };
-    case "never":
-      return { good: false, text: why ? withDetail(t("fleet_end_never"), why) : t("fleet_end_never") };
-    default:
-      return { good: false, text: t("fleet_end_unknown") };
-  }
+/** What a command to a site can have come to, in the order in which it is told. */
+export const ENDS = ["done", "unconfirmed", "sent", "waiting", "failed", "never", "unknown"] as const satisfies FleetBulkState[];
+/** Those with which somebody has to do something. */
+const BAD: FleetBulkState[] = ["failed", "never", "unknown"];
+
+function endOf({ how, code, confirmed }: FleetCommandEnd): FleetBulkState {
+  if (how === undefined) return "sent";
+  if (how === "answered" && code) return "failed";
+  if (how === "answered") return confirmed === "sent" ? "unconfirmed" : "done";
+  return how === "never" ? how : "unknown";
 }
+
+/** Its result: whether it is a good one, in words. */
+export function resultText(end: FleetCommandEnd, state = endOf(end)): { good: boolean; text: string } {
+  const word = t(`fleet_end_${state}`);
+  const why = [end.code, end.title].filter(Boolean).join(" ");
+  const good = !BAD.includes(state);
+  if (good || state === "unknown" || !why) return { good, text: word };
+  return { good, text: state === "never" ? withDetail(word, why) : why };
+}
+
+/** How many sites of a command are how. */
+export const countText = (counts: FleetBulk["counts"], state: FleetBulkState): string =>
+  withDetail(t(`fleet_end_${state}`), String(counts[state]));
+
+/** The results of a command to many sites. */
+export const resultsText = ({ counts }: FleetBulk): { good: boolean; text: string } => ({
+  good: !BAD.some((state) => counts[state]),
+  text: joinList(ENDS.filter((state) => counts[state]).map((state) => countText(counts, state))),
+});
+
+export const sitesText = (n: number): string => (n === 1 ? t("fleet_site_one") : t("fleet_site_many", { n }));
