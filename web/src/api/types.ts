@@ -12,6 +12,7 @@ export type AuditEntry = Schemas["AuditInfo"];
 export type BatchAnswer = Schemas["BatchAnswer"];
 export type EventKind = Schemas["EventKind"];
 export type FleetBulk = FleetSchemas["FleetBulk"];
+export type FleetBulkPreview = FleetSchemas["FleetBulkPreview"];
 export type FleetBulkSites = FleetSchemas["FleetBulkSites"];
 export type FleetBulkState = FleetSchemas["FleetBulkState"];
 export type FleetCommand = FleetSchemas["FleetCommand"];

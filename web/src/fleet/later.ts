@@ -3,3 +3,4 @@ export { default as Commands } from "./Commands.svelte";
 export { default as Order } from "./Order.svelte";
 export { default as Site } from "./Site.svelte";
 export { default as Sites } from "./Sites.svelte";
+export { default as Switch } from "./Switch.svelte";
