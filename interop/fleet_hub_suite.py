@@ -79,7 +79,7 @@ def asked_through(s, hub):
     zh = hub.ask(far + "/points/oven/k9", **{"accept-language": "zh"})[2]
     s.check(entry, any("\u4e00" <= letter <= "\u9fff" for letter in zh), True, zh)
     for path, method, want in (
-            ("/points/oven/k2", "PUT", (403, "E0905")), ("/ops", "POST", (403, "E0937")),
+            ("/points/oven/k2", "PUT", (403, "E0941")), ("/ops", "POST", (403, "E0937")),
             ("/watch", "GET", (403, "E0937")), ("/events/stream", "GET", (403, "E0937")),
             ("/ws", "GET", (403, "E0937")), ("/users", "GET", (403, "E0905")),
             ("/config", "GET", (403, "E0905")), ("/site", "GET", (404, "E0110")),

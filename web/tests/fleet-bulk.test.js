@@ -103,7 +103,7 @@ for (const [i, look_] of LOOKS.entries()) {
       const ends = await results(page);
       assert.deepEqual([ends.plant1, ends.plant2], [t("fleet_end_done"), t("fleet_end_done")]);
       // It lets its centre switch nothing.
-      assert.match(ends.plant3, /^E0905 /);
+      assert.match(ends.plant3, /^E0941 /);
       for (const site of ["plant1", "plant2"]) assert.equal(await isOn(context, site), to === "on", site);
       assert.equal(await isOn(context, "plant3"), false);
       assert.deepEqual([...(await faults(page)), ...(await misplaced(page))], []);

@@ -108,7 +108,7 @@ test("what the site does not allow is refused, and said so", async () => {
     await page.getByText(t("far_grants")).waitFor();
     assert.equal(await relay.getAttribute("aria-checked"), before);
     await page.goto(`${fleet.origin}/commands`);
-    await page.locator("tbody tr td.fault", { hasText: /E0905/ }).first().waitFor();
+    await page.locator("tbody tr td.fault", { hasText: /E0941/ }).first().waitFor();
   } finally {
     await context.close();
   }

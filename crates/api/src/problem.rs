@@ -286,6 +286,8 @@ pub mod codes {
         NO_KEY = "E0939", 503;
         /// Also `name`: the site of the invitation.
         OTHER_FLEET = "E0940", 409;
+        /// Also `outlet`.
+        READS_ONLY = "E0941", 403;
         /// Also `reason`.
         FLEET_NOT_STORED = "E0164", 503;
         /// Also `reason`.

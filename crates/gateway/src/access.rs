@@ -197,6 +197,12 @@ impl Caller {
             return is_unknown.then(|| Problem::new(codes::UNAUTHENTICATED));
         };
         if role < least {
+            // What an outlet may switch is not a matter of roles.
+            if self.known == Known::Outlet && least == Role::Operator {
+                let problem = Problem::new(codes::READS_ONLY);
+                let outlet = self.id.trim_start_matches("outlet:");
+                return Some(problem.with("outlet", outlet));
+            }
             let problem = Problem::new(codes::ROLE).with("role", role.name());
             return Some(problem.with("need", least.name()));
         }

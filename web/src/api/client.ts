@@ -71,7 +71,7 @@ async function request(
 /** Only answers of a far site have it, not those of its centre. */
 const OF_SITE = "railbus-transit-ms";
 /** A right that is missing. What is missing at a far site is granted there, to its centre. */
-const NO_RIGHT = ["E0905", "E0906"];
+const NO_RIGHT = ["E0905", "E0906", "E0941"];
 
 async function problemIn(response: Response): Promise<Problem> {
   try {

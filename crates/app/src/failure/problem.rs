@@ -17,8 +17,8 @@ impl Failure {
     pub fn of_problem(lang: Lang, problem: &Problem) -> Failure {
         let code = code_of(problem);
         let mut failure = Failure::new(code, message(lang, code, problem));
-        // At a site of a fleet other things help than here.
-        if !problem.with.contains_key(AT_SITE) {
+        // At a site of a fleet other things help than here; what this code advises is done there.
+        if !problem.with.contains_key(AT_SITE) || code == Code::ReadsOnly {
             failure = failure.diagnosed();
         }
         for why in reasons(lang, code, problem) {

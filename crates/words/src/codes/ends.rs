@@ -265,6 +265,13 @@ codes! {
         next: ["add another integration, railbus fleet join --name NAME, or remove this one first",
             "用 railbus fleet join --name 名称 添加另一集成，或先删除该集成"],
     }
+    ReadsOnly = "E0941" {
+        title: ["the site lets this integration read only", "站点只允许此集成读取"],
+        likely: ["its write is empty: no output may be switched from afar",
+            "该集成的 write 为空：不允许从远端操作任何输出"],
+        next: ["at the site, name modules or outputs in it: write = [\"oven\"]",
+            "在该站点的集成中填写模块或输出：write = [\"oven\"]"],
+    }
     Differs = "E1001" {
         title: ["differences were found", "发现差异"],
         likely: ["the modules' settings are not as configured", "模块设置与期望不同"],
