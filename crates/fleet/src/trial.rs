@@ -7,7 +7,7 @@
 
 mod record;
 
-pub use record::{ManagedRecord, Recovery, TrialRecord, Verdict, VerdictKind, recover};
+pub use record::{ManagedRecord, Recovery, TrialEnd, TrialEndKind, TrialRecord, recover};
 use std::collections::{BTreeSet, VecDeque};
 use std::time::Duration;
 
@@ -96,7 +96,7 @@ pub enum ConfigPhase {
     /// This version is tried.
     Trying(u64),
     /// This version was refused, or tried and taken back.
-    Ended(Verdict),
+    Ended(TrialEnd),
     /// The file was changed here since this version was kept.
     LocalChange(u64),
 }
@@ -113,7 +113,7 @@ enum TrialStep {
     /// Until when, and how it worked before.
     Trying(TrialRecord, Duration, TrialHealth),
     /// The text before is written; or when that is tried again.
-    Restoring(TrialRecord, Verdict, Option<Duration>),
+    Restoring(TrialRecord, TrialEnd, Option<Duration>),
     /// The end of the trial is recorded; or when that is tried again.
     Recording(ManagedRecord, Option<Duration>),
     /// The record of the trial is deleted; or when that is tried again.
@@ -296,9 +296,9 @@ impl ConfigTrial {
     }
 
     fn take_back(&mut self, record: TrialRecord, why: String) {
-        let verdict = Verdict {
+        let verdict = TrialEnd {
             version: record.version,
-            kind: VerdictKind::RolledBack.into(),
+            kind: TrialEndKind::RolledBack.into(),
             reason: why,
         };
         let (from, to) = (record.after.clone(), record.before.clone());
@@ -313,8 +313,8 @@ impl ConfigTrial {
     }
 
     fn refuse(&mut self, version: u64, reason: String) {
-        let kind = VerdictKind::Refused.into();
-        let verdict = Verdict {
+        let kind = TrialEndKind::Refused.into();
+        let verdict = TrialEnd {
             version,
             kind,
             reason,

@@ -28,17 +28,17 @@ pub struct ManagedRecord {
     pub hash: Vec<u8>,
     /// What became of a later one, if it was not kept.
     #[prost(message, optional, tag = "3")]
-    pub verdict: Option<Verdict>,
+    pub verdict: Option<TrialEnd>,
 }
 
 /// Why a version was not kept.
 #[derive(Clone, PartialEq, Eq, prost::Message)]
-pub struct Verdict {
+pub struct TrialEnd {
     /// The version.
     #[prost(uint64, tag = "1")]
     pub version: u64,
     /// How it ended.
-    #[prost(enumeration = "VerdictKind", tag = "2")]
+    #[prost(enumeration = "TrialEndKind", tag = "2")]
     pub kind: i32,
     /// Why, in English.
     #[prost(string, tag = "3")]
@@ -48,7 +48,7 @@ pub struct Verdict {
 /// How a version ended that was not kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, prost::Enumeration)]
 #[repr(i32)]
-pub enum VerdictKind {
+pub enum TrialEndKind {
     /// One of a newer version of railbus.
     Unspecified = 0,
     /// It was never applied.
@@ -74,7 +74,7 @@ impl ManagedRecord {
     }
 
     /// The same, and this one was not.
-    pub(super) fn with(&self, verdict: Verdict) -> ManagedRecord {
+    pub(super) fn with(&self, verdict: TrialEnd) -> ManagedRecord {
         ManagedRecord {
             verdict: Some(verdict),
             ..self.clone()
@@ -128,9 +128,9 @@ pub fn recover(
     if file != trial.after {
         return Some(as_it_is);
     }
-    let verdict = Verdict {
+    let verdict = TrialEnd {
         version: trial.version,
-        kind: VerdictKind::RolledBack.into(),
+        kind: TrialEndKind::RolledBack.into(),
         reason: "the site was restarted while it was tried".to_owned(),
     };
     Some(Recovery {

@@ -103,7 +103,7 @@ impl Site {
         let back = TrialOutput::Apply("new".to_owned(), "old".to_owned());
         assert_eq!(self.does(TrialDone::Ok), back);
         let verdict = self.ends().verdict.expect("there is one");
-        assert_eq!(verdict.kind(), VerdictKind::RolledBack);
+        assert_eq!(verdict.kind(), TrialEndKind::RolledBack);
         assert_eq!(self.0.phase(), ConfigPhase::Ended(verdict.clone()));
         assert_eq!(self.0.file(), "old");
         verdict.reason
@@ -187,7 +187,7 @@ fn one_that_is_refused_changes_nothing() {
     let verdict = site.ends().verdict.expect("there is one");
     assert_eq!(
         (verdict.kind(), &verdict.reason),
-        (VerdictKind::Refused, &why)
+        (TrialEndKind::Refused, &why)
     );
     assert_eq!(site.0.file(), "old");
     // Also where that is known only once it is applied.
