@@ -31,6 +31,8 @@ const AT_ONCE: usize = 256;
 const RUNNING_MAX: usize = 8;
 /// How many are known, with those that go on.
 const KEPT: usize = 32;
+/// The same with those that could not be recorded, and others may still appear.
+const HELD_MAX: usize = 64;
 /// The most callers that wait for one.
 const CALLERS_MAX: usize = 16;
 /// After this time no further site is commanded.
@@ -149,8 +151,10 @@ impl BulkOrder {
     }
 }
 
+const _: () = assert!(BEGIN_MAX.as_secs() + 30 < TAKEN_OVER.as_secs());
+
 /// The newest bulk commands of all processes, as one process of the centre knows them.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Bulks {
     bulks: BTreeMap<String, Bulk>,
     outputs: VecDeque<BulkOutput>,
@@ -163,9 +167,36 @@ pub struct Bulks {
     clock_ms: i64,
     /// How many records could not be decoded.
     unreadable: u64,
+    /// How many commands are without a result at a time.
+    at_once: usize,
+}
+
+impl Default for Bulks {
+    fn default() -> Bulks {
+        Bulks::with(AT_ONCE)
+    }
 }
 
 impl Bulks {
+    fn with(at_once: usize) -> Bulks {
+        Bulks {
+            bulks: BTreeMap::new(),
+            outputs: VecDeque::new(),
+            is_connected: false,
+            number: 0,
+            due: None,
+            clock_ms: 0,
+            unreadable: 0,
+            at_once,
+        }
+    }
+
+    /// Whether it hears of all records. Otherwise more may have been sent than it tells.
+    #[must_use]
+    pub const fn is_connected(&self) -> bool {
+        self.is_connected
+    }
+
     /// The time of the wall clock, in milliseconds since 1970. Only what is shown depends on it.
     pub const fn set_clock(&mut self, clock_ms: i64) {
         self.clock_ms = clock_ms;
@@ -173,7 +204,7 @@ impl Bulks {
 
     /// Those that were recorded, the oldest first.
     pub fn iter(&self) -> impl Iterator<Item = BulkView<'_>> {
-        let recorded = self.bulks.iter().filter(|(_, bulk)| bulk.last > 0);
+        let recorded = self.bulks.iter().filter(|(_, bulk)| bulk.place > 0);
         let mut all: Vec<_> = recorded.map(|(id, bulk)| bulk.view(id)).collect();
         all.sort_by_key(|view| view.place);
         all.into_iter()
@@ -183,7 +214,7 @@ impl Bulks {
     #[must_use]
     pub fn get(&self, id: &str) -> Option<BulkView<'_>> {
         let (id, bulk) = self.bulks.get_key_value(id)?;
-        (bulk.last > 0).then(|| bulk.view(id))
+        (bulk.place > 0).then(|| bulk.view(id))
     }
 
     /// The order with this id.
@@ -256,6 +287,7 @@ impl Bulks {
         let mut next: Option<Duration> = None;
         let mut at = |due: Duration| next = Some(next.map_or(due, |next| next.min(due)));
         let (outputs, clock_ms) = (&mut self.outputs, self.clock_ms);
+        let is_connected = self.is_connected;
         self.bulks.retain(|_, bulk| match &mut bulk.stage {
             BulkStage::Elsewhere(until, callers) if *until <= now => {
                 for caller in callers.drain(..) {
@@ -263,7 +295,8 @@ impl Bulks {
                 }
                 false
             }
-            BulkStage::Dropped(until) if *until <= now => false,
+            // What was stored was read by then.
+            BulkStage::Dropped(until) if *until <= now => !is_connected,
             BulkStage::Elsewhere(until, _) | BulkStage::Dropped(until) => {
                 at(*until);
                 true
@@ -271,7 +304,7 @@ impl Bulks {
             _ => true,
         });
         let busy = self.bulks.values().map(Bulk::in_flight).sum::<usize>();
-        let mut free = AT_ONCE.saturating_sub(busy);
+        let mut free = self.at_once.saturating_sub(busy);
         // The oldest first.
         let mut running: Vec<(&String, &mut Bulk)> = self.bulks.iter_mut().collect();
         running.sort_by_key(|(_, bulk)| bulk.place);
@@ -357,7 +390,8 @@ impl Bulks {
         if !self.is_connected {
             return self.tell(caller, BulkTold::NotStored);
         }
-        if self.bulks.values().filter(|bulk| bulk.is_ours()).count() >= RUNNING_MAX {
+        let running = self.bulks.values().filter(|bulk| bulk.is_running()).count();
+        if running >= RUNNING_MAX || self.bulks.len() >= HELD_MAX {
             return self.tell(caller, BulkTold::TooMany);
         }
         self.number += 1;
@@ -373,15 +407,25 @@ impl Bulks {
 
     fn stop(&mut self, caller: u64, id: &str, who: &str) {
         let clock_ms = self.clock_ms;
-        let Some(bulk) = self.bulks.get_mut(id).filter(|bulk| bulk.last > 0) else {
+        let Some(bulk) = self.bulks.get_mut(id) else {
             return self.tell(caller, BulkTold::NoSuch);
         };
-        let told = match &bulk.stage {
+        let is_stopped = !bulk.stopped_by.is_empty();
+        let told = match &mut bulk.stage {
+            // Nothing of it is sent once it is recorded; that is told then.
+            BulkStage::Storing(callers) if callers.len() < CALLERS_MAX => {
+                callers.push(caller);
+                bulk.stopped(who, clock_ms);
+                return;
+            }
+            BulkStage::Storing(_) => BulkTold::TooMany,
+            BulkStage::Elsewhere(..) => BulkTold::NotKnown,
+            BulkStage::Dropped(_) => BulkTold::NoSuch,
             BulkStage::Running { .. } => {
                 bulk.stopped(who, clock_ms);
                 BulkTold::Known
             }
-            BulkStage::Followed(_) if !bulk.stopped_by.is_empty() => BulkTold::Known,
+            BulkStage::Followed(_) if is_stopped => BulkTold::Known,
             BulkStage::Followed(_) if !self.is_connected => BulkTold::NotStored,
             BulkStage::Followed(_) if bulk.stopping.is_some() => BulkTold::TooMany,
             BulkStage::Followed(_) => {
@@ -397,7 +441,7 @@ impl Bulks {
                 return;
             }
             // There is nothing left to stop.
-            _ => BulkTold::Known,
+            BulkStage::Ending(..) | BulkStage::Ended => BulkTold::Known,
         };
         self.tell(caller, told);
     }
@@ -418,6 +462,7 @@ impl Bulks {
                     let mut bulk = Bulk::new(order, followed(), 0);
                     (bulk.place, bulk.last) = (number, number);
                     self.bulks.insert(id.to_owned(), bulk);
+                    self.forget();
                 } else {
                     self.unreadable += 1;
                 }
@@ -446,6 +491,10 @@ impl Bulks {
                             self.tell(caller, told);
                         }
                     }
+                    // The stream was restored, and has it under another number.
+                    _ if is_ours && bulk.place != number => {
+                        (bulk.place, bulk.last) = (number, number);
+                    }
                     _ => {}
                 }
             }
@@ -463,18 +512,21 @@ impl Bulks {
     }
 
     fn stored(&mut self, now: Duration, id: &str, number: u64, end: StoreEnd) {
+        let clock_ms = self.clock_ms;
         let Some(bulk) = self.bulks.get_mut(id) else {
             return;
         };
         if let Some((_, caller)) = bulk.stopping.take_if(|(of, _)| *of == number) {
+            // Somebody else stopped it, or it has ended: if that was heard.
+            let is_over = !bulk.stopped_by.is_empty() || bulk.has_ended();
             let told = match end {
-                // By somebody else, or it has ended.
-                StoreEnd::Stored(_) | StoreEnd::Conflict => BulkTold::Known,
-                StoreEnd::Unknown => BulkTold::NotKnown,
+                StoreEnd::Stored(last) => {
+                    bulk.last = bulk.last.max(last);
+                    BulkTold::Known
+                }
+                StoreEnd::Conflict if is_over => BulkTold::Known,
+                StoreEnd::Conflict | StoreEnd::Unknown => BulkTold::NotKnown,
             };
-            if let StoreEnd::Stored(last) = end {
-                bulk.last = bulk.last.max(last);
-            }
             return self.tell(caller, told);
         }
         if bulk.pending != number {
@@ -483,11 +535,15 @@ impl Bulks {
         match (&mut bulk.stage, end) {
             (BulkStage::Storing(_), StoreEnd::Stored(place)) => {
                 let callers = bulk.callers();
-                (bulk.place, bulk.last) = (place, place);
+                (bulk.place, bulk.last) = (place, bulk.last.max(place));
                 bulk.stage = BulkStage::Running {
                     queue: bulk.order.sites.iter().cloned().collect(),
                     until: now + BEGIN_MAX,
                 };
+                // It was stopped before that was known.
+                if !bulk.stopped_by.is_empty() {
+                    bulk.unsent_rest(&stopped(), clock_ms);
+                }
                 for caller in callers {
                     self.tell(caller, BulkTold::Known);
                 }
@@ -544,8 +600,8 @@ impl Bulks {
                 bulk.command(site, id, &CommandKind::End((*end).clone()));
                 return bulk.settled(site);
             }
-            // Its end will be recorded.
-            CommandTold::Waiting => return bulk.settled(site),
+            // It was sent. Its record may not have come back yet.
+            CommandTold::Waiting => return bulk.sent(site),
             CommandTold::NotKnown => {
                 bulk.not_known(site, clock_ms);
                 return bulk.settled(site);
@@ -629,6 +685,10 @@ fn gone() -> FleetRefusal {
 
 fn unconnected() -> FleetRefusal {
     refusal("E0185", "the centre lost its connection")
+}
+
+fn stopped() -> FleetRefusal {
+    refusal("E0185", "it was stopped")
 }
 
 fn uncertain() -> FleetRefusal {

@@ -1,6 +1,6 @@
 //! One command to many sites and its state.
 
-use super::{BulkEnd, BulkOrder, BulkUnsent, EndView, FleetRefusal, refusal, view_of};
+use super::{BulkEnd, BulkOrder, BulkUnsent, EndView, FleetRefusal, refusal, stopped, view_of};
 use crate::message::CommandKind;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::Duration;
@@ -85,9 +85,9 @@ pub struct BulkView<'b> {
 /// What became of a site.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum BulkSiteState {
-    /// Not commanded yet.
+    /// There is no record that it was commanded.
     Waiting,
-    /// Commanded, without a result.
+    /// Commanded, or about to be, without a result.
     Sent,
     /// The site said that it was done.
     Done,
@@ -163,6 +163,14 @@ impl Bulk {
         }
     }
 
+    /// Whether this process carries it out, or is about to.
+    pub(super) const fn is_running(&self) -> bool {
+        matches!(
+            self.stage,
+            BulkStage::Storing(_) | BulkStage::Running { .. } | BulkStage::Ending(..)
+        )
+    }
+
     /// Whether it needs this process.
     pub(super) const fn is_ours(&self) -> bool {
         !matches!(self.stage, BulkStage::Followed(_) | BulkStage::Ended)
@@ -213,9 +221,13 @@ impl Bulk {
             CommandKind::Intent(intent) => Some(intent),
             CommandKind::End(end) => end.intent.as_ref(),
         };
-        // Somebody else may have used the id for another one.
+        // Somebody else may have used the id for another one. One that is the same is carried out
+        // once for both.
         let is_ours = intent.is_some_and(|intent| {
-            intent.is_bulk && intent.method == self.order.method && intent.path == self.order.path
+            intent.method == self.order.method
+                && intent.path == self.order.path
+                && intent.body == self.order.body
+                && intent.user == self.order.user
         });
         let (true, Some(stage)) = (is_ours, self.sites.get_mut(site)) else {
             return;
@@ -225,6 +237,14 @@ impl Bulk {
             (Some(end), _) => *stage = SiteStage::Done(end),
             (None, SiteStage::Waiting | SiteStage::Unsent(_)) => *stage = SiteStage::Sent,
             (None, SiteStage::Sent | SiteStage::Done(_)) => {}
+        }
+    }
+
+    /// The ledger has answered that it was sent.
+    pub(super) fn sent(&mut self, site: &str) {
+        self.in_flight.remove(site);
+        if let Some(stage @ SiteStage::Waiting) = self.sites.get_mut(site) {
+            *stage = SiteStage::Sent;
         }
     }
 
@@ -268,7 +288,7 @@ impl Bulk {
             who.clone_into(&mut self.stopped_by);
         }
         if matches!(self.stage, BulkStage::Running { .. }) {
-            self.unsent_rest(&refusal("E0185", "it was stopped"), at_ms);
+            self.unsent_rest(&stopped(), at_ms);
         }
     }
 
@@ -299,7 +319,9 @@ impl Bulk {
     pub(super) fn ended(&mut self, end: &BulkEnd) {
         for unsent in &end.unsent {
             let why = unsent.why.clone().unwrap_or_default();
-            for site in &unsent.sites {
+            let sites = unsent.sites.iter();
+            // This process has begun some of them, and learns from its ledger what came of that.
+            for site in sites.filter(|site| !self.in_flight.contains(*site)) {
                 if let Some(stage @ (SiteStage::Waiting | SiteStage::Unsent(_))) =
                     self.sites.get_mut(site)
                 {

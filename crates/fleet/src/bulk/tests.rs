@@ -1,4 +1,5 @@
 mod play;
+mod truth;
 
 use super::*;
 use crate::message::{ApiAnswer, CommandEnd, CommandIntent, CommandResult};
@@ -415,6 +416,29 @@ fn after_its_time_no_site_is_commanded() {
 fn another_command_of_its_id_is_none_of_it() {
     let (mut hub, order) = (Hub::new(), order(&["a"]));
     hub.given(&order);
+    let changes: [fn(&mut CommandIntent); 4] = [
+        |one| one.method = "POST".to_owned(),
+        |one| one.path = "/other".to_owned(),
+        |one| one.body = b"{}".to_vec(),
+        |one| one.user = "wu".to_owned(),
+    ];
+    for change in changes {
+        let mut other = intent(&order);
+        change(&mut other);
+        let end = CommandEnd {
+            intent: Some(other),
+            ..answered(&order)
+        };
+        let end = record(CommandKind::End(end));
+        hub.handle(BulkInput::Command(("a", "b1"), &end));
+        assert_eq!(hub.states(), [("a", Sent)]);
+    }
+    hub.told("a", CommandTold::OtherCommand);
+    assert_eq!(hub.states(), [("a", Never)]);
+    assert_eq!(hub.why("a").0, "E0806");
+    // The same one, given to this site alone, is carried out once for both.
+    let mut hub = Hub::new();
+    hub.given(&order);
     let single = CommandIntent {
         is_bulk: false,
         ..intent(&order)
@@ -423,13 +447,8 @@ fn another_command_of_its_id_is_none_of_it() {
         intent: Some(single),
         ..answered(&order)
     };
-    hub.handle(BulkInput::Command(
-        ("a", "b1"),
-        &record(CommandKind::End(end)),
-    ));
-    assert_eq!(hub.states(), [("a", Sent)]);
-    hub.told("a", CommandTold::OtherCommand);
-    assert_eq!(hub.states(), [("a", Never)]);
+    hub.told("a", CommandTold::End(Arc::new(end)));
+    assert_eq!(hub.states(), [("a", Done)]);
     // Where nobody knows, that is said, until somebody does.
     let mut hub = Hub::new();
     hub.given(&order);
