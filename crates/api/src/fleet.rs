@@ -279,7 +279,8 @@ pub struct FleetCommandEnd {
 /// `POST /fleet/v1/commands/preview`: which sites a command would go to.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct PreviewBulk {
-    /// The sites, as `GET /fleet/v1/sites` finds them: `search`, `state`, `group`. Empty means all.
+    /// The sites, as `GET /fleet/v1/sites` finds them: `search`, `state`, `group`, none of them
+    /// empty. Without any it is all sites.
     pub select: BTreeMap<String, String>,
     /// The request to the API of each site: `PUT` or `POST`.
     pub method: String,
@@ -363,9 +364,9 @@ pub struct FleetBulk {
 pub struct FleetBulkCounts {
     /// All of them.
     pub all: usize,
-    /// Nothing was sent so far.
+    /// There is no record that it was sent.
     pub waiting: usize,
-    /// Sent, without a result.
+    /// Sent, or about to be, without a result.
     pub sent: usize,
     /// The site reported that it was done.
     pub done: usize,
@@ -383,9 +384,9 @@ pub struct FleetBulkCounts {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum FleetBulkState {
-    /// Nothing was sent so far.
+    /// There is no record that it was sent.
     Waiting,
-    /// Sent, without a result.
+    /// Sent, or about to be, without a result.
     Sent,
     /// The site reported that it was done.
     Done,
@@ -417,6 +418,9 @@ pub struct FleetBulkSite {
 pub struct FleetBulkSites {
     /// The version of the API.
     pub schema: u8,
+    /// This process of the centre hears of all records. Otherwise more may have been sent, and
+    /// more be known, than it tells.
+    pub connected: bool,
     /// The command.
     #[serde(flatten)]
     pub bulk: FleetBulk,

@@ -16,6 +16,7 @@ use railbus_app::api::past::moment;
 use railbus_fleet::bulk::{BulkSiteState, BulkTold, BulkView, BulkWrong, Bulks};
 use railbus_fleet::centre::{Centre, SitePresence};
 use railbus_fleet::message::BulkOrder;
+use serde_json::Value;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -35,6 +36,17 @@ pub(super) const QUERY: &[(&str, &str)] = &[
 ];
 /// The longest body that is shown, in characters.
 const BODY_SHOWN: usize = 200;
+
+/// The path of the preview, which no order can have.
+const PREVIEW: &str = "preview";
+
+/// The body of a request to a site; none if it is left out.
+fn bytes(body: &Value) -> Bytes {
+    match body {
+        Value::Null => Bytes::new(),
+        body => body.to_string().into(),
+    }
+}
 
 /// An order as it was given.
 pub(super) struct GivenBulk {
@@ -56,7 +68,10 @@ impl GivenBulk {
         who: (&str, &str),
     ) -> Result<GivenBulk, Problem> {
         let wrong = |reason: &str| Problem::new(codes::BAD_REQUEST).with("reason", reason);
-        let body = Bytes::from(wanted.body.to_string());
+        if key == Some(PREVIEW) {
+            return Err(wrong("this Idempotency-Key has another meaning here"));
+        }
+        let body = bytes(&wanted.body);
         let place = (wanted.method.as_str(), wanted.path.as_str());
         let given = GivenCommand::new((String::new(), key), place, body, who)?;
         let (id, is_again) = (given.id.clone(), given.is_again);
@@ -205,6 +220,7 @@ pub(super) fn bulk_sites(
     }
     Ok(FleetBulkSites {
         schema: SCHEMA,
+        connected: bulks.is_connected(),
         bulk: bulk(&view),
         total,
         sites,
@@ -269,7 +285,7 @@ impl PreviewWanted {
     /// # Errors
     /// [`codes::NOT_REMOTE`] if it is no command; [`codes::BAD_REQUEST`] if it can't be read.
     pub(super) fn new(wanted: &PreviewBulk) -> Result<PreviewWanted, Problem> {
-        let body = Bytes::from(wanted.body.to_string());
+        let body = bytes(&wanted.body);
         let place = (wanted.method.as_str(), wanted.path.as_str());
         GivenCommand::new((String::new(), None), place, body, ("", ""))?;
         // One that is misspelt would select all.
@@ -278,7 +294,10 @@ impl PreviewWanted {
             .select
             .keys()
             .find(|key| !known.contains(&key.as_str()));
-        if let Some(key) = unknown {
+        // An empty one, as a script may have by mistake, would, too.
+        let is_empty = |(_, text): &(&String, &String)| text.trim().is_empty();
+        let empty = wanted.select.iter().find(is_empty).map(|(key, _)| key);
+        if let Some(key) = unknown.or(empty) {
             return Err(unreadable(key));
         }
         Ok(PreviewWanted {

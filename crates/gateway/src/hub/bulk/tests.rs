@@ -33,6 +33,7 @@ fn only_commands_go_to_many_sites() {
         assert_eq!(code(sites, PATH, None), wrong, "{sites:?}");
     }
     assert_eq!(code(&["a"], PATH, Some("a.b")), wrong);
+    assert_eq!(code(&["a"], PATH, Some("preview")), wrong);
     let refused = Some("E0937".to_owned());
     for path in [
         "/api/v1/config",
@@ -46,6 +47,15 @@ fn only_commands_go_to_many_sites() {
     let order = given.order;
     assert_eq!((order.user.as_str(), order.language.as_str()), ("li", "zh"));
     assert_eq!(order.body, br#"{"value":true,"within_ms":300}"#);
+    // A request without a body has none.
+    let none = GiveBulk {
+        sites: vec!["a".to_owned()],
+        method: "POST".to_owned(),
+        path: format!("{PATH}/toggle"),
+        ..GiveBulk::default()
+    };
+    let none = GivenBulk::new(none, None, ("li", "")).unwrap();
+    assert_eq!(none.order.body, b"");
 }
 
 fn previewed(
@@ -100,7 +110,14 @@ fn a_misspelt_selection_is_not_all_sites() {
             .map(|wrong| wrong.code)
     };
     assert_eq!(code(&[("group", "north"), ("state", "online")]), None);
-    for select in [("grop", "north"), ("limit", "3"), ("state", "on")] {
+    for select in [
+        ("grop", "north"),
+        ("limit", "3"),
+        ("state", "on"),
+        ("search", ""),
+        ("search", " \t"),
+        ("group", ""),
+    ] {
         assert_eq!(code(&[select]), Some("E0806".to_owned()), "{select:?}");
     }
     let wrong = PreviewBulk {
