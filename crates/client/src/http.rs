@@ -40,6 +40,8 @@ pub(super) struct Asked<'a> {
     pub(super) body: Vec<u8>,
     /// The `If-Match` of the content to be changed.
     pub(super) seen: Option<String>,
+    /// The `Idempotency-Key` of a command.
+    pub(super) key: Option<&'a str>,
 }
 
 /// Sends the request, and waits for the head of the response.
@@ -49,12 +51,12 @@ pub(super) async fn send(
     path: &str,
     body: Vec<u8>,
 ) -> Result<Answer, Problem> {
-    let seen = None;
     let asked = Asked {
         method,
         path,
         body,
-        seen,
+        seen: None,
+        key: None,
     };
     send_asked(socket, asked).await
 }
@@ -80,6 +82,10 @@ pub(super) async fn send_asked(socket: &Path, asked: Asked<'_>) -> Result<Answer
         .header(CONTENT_TYPE, "application/json");
     let request = match asked.seen {
         Some(mark) => request.header(IF_MATCH, format!("\"{mark}\"")),
+        None => request,
+    };
+    let request = match asked.key {
+        Some(key) => request.header("idempotency-key", key),
         None => request,
     };
     let request = request

@@ -1,6 +1,6 @@
 //! A client of the centre of a fleet, over its socket.
 
-use super::http::send;
+use super::http::{Answer, Asked, send, send_asked};
 use super::{api_path, plain, read};
 use hyper::Method;
 use railbus_api::fleet::{
@@ -125,13 +125,19 @@ impl HubClient {
         self.told(said)
     }
 
-    /// Gives the same command to many sites.
+    /// Gives the same command to many sites, under this id.
     ///
     /// # Errors
     /// It was not recorded, or that is not known.
-    pub async fn give_bulk(&self, wanted: &GiveBulk) -> Result<FleetBulkSites, Problem> {
-        let body = serde_json::to_vec(wanted).unwrap_or_default();
-        self.act(Method::POST, "/fleet/v1/commands", body).await
+    pub async fn give_bulk(&self, id: &str, wanted: &GiveBulk) -> Result<FleetBulkSites, Problem> {
+        let asked = Asked {
+            method: Method::POST,
+            path: "/fleet/v1/commands?limit=0",
+            body: serde_json::to_vec(wanted).unwrap_or_default(),
+            seen: None,
+            key: Some(id),
+        };
+        self.acted(send_asked(&self.socket, asked).await).await
     }
 
     /// Wants no more commands of this order to be sent.
@@ -139,7 +145,7 @@ impl HubClient {
     /// # Errors
     /// There is no such order, or that could not be recorded.
     pub async fn stop_bulk(&self, id: &str) -> Result<FleetBulkSites, Problem> {
-        let path = format!("/fleet/v1/commands/{id}/stop");
+        let path = format!("/fleet/v1/commands/{id}/stop?limit=0");
         self.act(Method::POST, &path, Vec::new()).await
     }
 
@@ -181,7 +187,15 @@ impl HubClient {
         path: &str,
         body: Vec<u8>,
     ) -> Result<T, Problem> {
-        let answer = send(&self.socket, method, path, body).await;
+        self.acted(send(&self.socket, method, path, body).await)
+            .await
+    }
+
+    /// The answer to such a request.
+    async fn acted<T: DeserializeOwned>(
+        &self,
+        answer: Result<Answer, Problem>,
+    ) -> Result<T, Problem> {
         let answer = answer.map_err(unreached)?;
         // It answered that it was done: only its answer could not be read.
         let said = read(&self.socket, &answer.whole().await?);

@@ -246,6 +246,7 @@ impl DaemonClient {
             path: "/api/v1/config",
             body,
             seen: Some(etag(before)),
+            key: None,
         };
         let answer = send_asked(&self.socket, asked).await?;
         answer.whole().await.map(|_| ())
@@ -598,7 +599,6 @@ fn point(path: &str, what: &str) -> String {
     )
 }
 
-/// The path of the API with these parts.
 /// The path of a request to the API of a site: `["points", "oven", "k1"]` is
 /// `/api/v1/points/oven/k1`.
 #[must_use]

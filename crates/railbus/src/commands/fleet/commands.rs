@@ -4,14 +4,14 @@ use super::FleetText;
 use super::set::{self, texts::BulkText};
 use crate::args;
 use crate::commands::{Context, ls};
-use clap::{Arg, ArgMatches, Command, value_parser};
+use clap::{Arg, ArgAction, ArgMatches, Command, value_parser};
 use railbus_api::fleet::{FleetBulk, FleetBulkSite, FleetBulkState, FleetCommand, FleetCommandEnd};
 use railbus_app::failure::Failure;
 use railbus_app::render::records::Records;
 use railbus_app::render::table::Table;
 use railbus_app::render::{out, values};
 use railbus_app::texts::AppText;
-use railbus_words::{Code, Lang, time};
+use railbus_words::{Code, Lang, reasons, time};
 use serde_json::Value;
 
 /// The name of the command.
@@ -19,16 +19,19 @@ pub(super) const NAME: &str = "commands";
 
 /// How many are shown if nothing is said.
 const LIMIT: usize = 20;
+/// How much of an id is shown in a table.
+const ID_SHOWN: usize = 8;
 
 /// Its parser and help.
 pub(super) fn define(lang: Lang) -> Command {
-    let usage = "railbus fleet commands [SITE|ID] [--limit N]";
+    let usage = "railbus fleet commands [SITE|ID] [--limit N] [--stop]";
     super::verb(lang, NAME, FleetText::CommandsAbout, usage)
         .arg(
             Arg::new("SITE")
                 .help(lang.get(FleetText::SiteOrId))
                 .value_name("SITE|ID"),
         )
+        .arg(args::flag(lang, "stop", BulkText::StopIt).action(ArgAction::SetTrue))
         .arg(
             args::flag(lang, "limit", FleetText::Limit)
                 .value_name("N")
@@ -41,10 +44,22 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
     let lang = context.lang;
     let told = super::ask(context, matches, async |hub| hub.commands().await)?;
     let site = super::text(matches, "SITE");
-    if told.bulk.iter().any(|bulk| bulk.id == site) {
-        let told = super::ask(context, matches, async |hub| hub.bulk(site, true).await)?;
+    let of_id = |bulk: &&FleetBulk| !site.is_empty() && bulk.id.starts_with(site);
+    let mut found = told.bulk.iter().filter(of_id);
+    if let (Some(FleetBulk { id, .. }), None) = (found.next(), found.next()) {
+        let stops = matches.get_flag("stop");
+        let told = super::ask(context, matches, async |hub| {
+            if stops {
+                hub.stop_bulk(id).await?;
+            }
+            hub.bulk(id, true).await
+        })?;
         context.note(&one_bulk(lang, &told.bulk));
         return set::tell(context, &told);
+    }
+    if matches.get_flag("stop") {
+        let message = lang.fill(BulkText::NoSuch, &[("id", &site)]);
+        return Err(Failure::new(Code::NoBulk, message).with_try("railbus fleet commands"));
     }
     let limit = matches.get_one("limit").copied().unwrap_or(LIMIT);
     let of_site = |one: &&FleetCommand| site.is_empty() || one.site == site;
@@ -64,17 +79,18 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
         )
     });
     let many = told.bulk.iter().filter(|_| site.is_empty()).map(|bulk| {
-        let row = ls::json_of(std::slice::from_ref(bulk));
+        let mut row = ls::json_of(std::slice::from_ref(bulk));
+        for row in &mut row {
+            row["sites"] = bulk.counts.all.into();
+        }
         let target = what(lang, (&bulk.method, &bulk.path, &bulk.body));
-        let sites = match bulk.counts.all {
-            1 => lang.get(BulkText::OneSite).to_owned(),
-            count => lang.fill(BulkText::ManySites, &[("count", &count)]),
-        };
-        (
-            &bulk.at,
-            row,
-            [sites, target, bulk.user.clone(), counted(lang, bulk)],
-        )
+        let cells = [
+            some_sites(lang, bulk),
+            target,
+            bulk.user.clone(),
+            counted(lang, bulk),
+        ];
+        (&bulk.at, row, cells)
     });
     let mut all: Vec<_> = single.chain(many).collect();
     all.sort_by_key(|(at, ..)| *at);
@@ -92,6 +108,7 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
         columns: &[
             "at",
             "site",
+            "sites",
             "id",
             "user",
             "method",
@@ -106,6 +123,17 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
         table,
     };
     out::result(lang, &shown.render(context.format))
+}
+
+/// How many sites it goes to, and the beginning of its id.
+fn some_sites(lang: Lang, bulk: &FleetBulk) -> String {
+    let sites = match bulk.counts.all {
+        1 => lang.get(BulkText::OneSite).to_owned(),
+        count => lang.fill(BulkText::ManySites, &[("count", &count)]),
+    };
+    let id: String = bulk.id.chars().take(ID_SHOWN).collect();
+    let values: &[(&str, &dyn std::fmt::Display)] = &[("sites", &sites), ("id", &id)];
+    lang.fill(BulkText::Many, values)
 }
 
 /// What a command to many sites was, and who gave it.
@@ -202,7 +230,10 @@ fn result(lang: Lang, end: &FleetCommandEnd) -> String {
     let title = Code::from_name(code)
         .map(|code| code.page().title(lang))
         .unwrap_or_default();
-    let why = format!("{code} {title}");
+    // The site, or the centre, says it more exactly.
+    let said = end.reason.as_deref().filter(|_| how == "never");
+    let said = said.map(|reason| reasons::told(lang, reason));
+    let why = format!("{code} {}", said.as_deref().unwrap_or(title));
     match (how.as_str(), code) {
         ("answered", "") => match end.confirmed.as_deref() {
             Some("sent") => lang.get(FleetText::SentOnly).to_owned(),

@@ -26,7 +26,9 @@ use railbus_client::{HubClient, api_path};
 use railbus_words::{Code, Lang, width};
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
-use std::io::{BufRead, IsTerminal, Write};
+use std::fs::File;
+use std::io::{BufRead, IsTerminal, Read, Write};
+use std::pin::pin;
 use std::time::Duration;
 use texts::BulkText;
 
@@ -40,7 +42,7 @@ const ASK: Duration = Duration::from_millis(300);
 
 /// Its parser and help.
 pub(super) fn define(lang: Lang) -> Command {
-    let usage = "railbus fleet set TARGET STATE (SITE… | --group NAME | --all)";
+    let usage = "railbus fleet set TARGET STATE SITE…|--group NAME|--search WORDS|--all";
     args::verb(lang, NAME, BulkText::About, usage)
         .before_help(args::examples(lang, BulkText::Examples))
         .arg(super::required(lang, "TARGET", BulkText::Target))
@@ -118,16 +120,33 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
         body: wanted.body,
     };
     let named = hub_socket(matches);
+    let id = new_id().map_err(|error| Failure::of(lang, Code::System).because(error))?;
+    if wanted.sites.len() >= SAID_FROM {
+        context.note(&lang.fill(BulkText::Named, &[("id", &id)]));
+    }
     let (told, stopped) = context.block(async {
-        let mut stop = Stop::new(context)?;
         let hub = HubClient::find(named.as_deref()).await;
         let hub = hub.map_err(|problem| context.failure(&problem))?;
-        let given = hub.give_bulk(&wanted).await;
-        let given = given.map_err(|problem| context.failure(&problem))?;
-        follow(context, &hub, &given.bulk.id, &mut stop).await
+        let stop = Stop::new(context)?;
+        let mut giving = Giving {
+            context,
+            hub,
+            id: &id,
+            stop,
+            stopped: false,
+        };
+        let told = giving.carry_out(&wanted).await?;
+        Ok((told, giving.stopped))
     })?;
     tell(context, &told)?;
     conclude(context, &told, stopped)
+}
+
+/// By which it is known, also where its answer is lost.
+fn new_id() -> std::io::Result<String> {
+    let mut bytes = [0; 8];
+    File::open("/dev/urandom")?.read_exact(&mut bytes)?;
+    Ok(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
 }
 
 /// What is to be done at each site.
@@ -160,7 +179,11 @@ fn order(lang: Lang, matches: &ArgMatches) -> Result<SiteOrder, Failure> {
     // What each pattern means would be another thing at each site.
     let (module, label) = point
         .filter(|_| !target.contains(['*', ',', '/']))
-        .ok_or_else(|| bad(target))?;
+        .ok_or_else(|| {
+            let why = lang.fill(BulkText::BadTarget, &[("word", &target)]);
+            let failure = Failure::of(lang, Code::Usage).because(why);
+            failure.with_try("railbus fleet set oven.k1 on --group north")
+        })?;
     Ok(match state {
         State::Toggle => SiteOrder {
             method: "POST",
@@ -277,57 +300,87 @@ fn shown(lang: Lang, preview: &FleetBulkPreview) -> Records {
     }
 }
 
-/// Waits until all was sent that will be; and whether it was stopped here.
-async fn follow(
-    context: &Context,
-    hub: &HubClient,
-    id: &str,
-    stop: &mut Stop,
-) -> Result<(FleetBulkSites, bool), Failure> {
-    let lang = context.lang;
-    // It goes on without this command.
-    let lost = |problem: &Problem| {
-        let values: &[(&str, &dyn std::fmt::Display)] = &[("id", &id)];
-        let failure = context.failure(problem).perhaps_acted(true);
-        failure.because(lang.fill(BulkText::GoesOn, values))
-    };
-    let is_shown = !context.quiet && std::io::stderr().is_terminal();
-    let mut stopped = false;
-    loop {
-        let told = hub
-            .bulk(id, false)
-            .await
-            .map_err(|problem| lost(&problem))?;
-        let counts = told.bulk.counts;
+/// A command that is being given.
+struct Giving<'c> {
+    context: &'c Context,
+    hub: HubClient,
+    id: &'c str,
+    stop: Stop,
+    /// It was stopped here.
+    stopped: bool,
+}
+
+impl Giving<'_> {
+    /// Gives it, and waits until all was sent that will be.
+    async fn carry_out(&mut self, wanted: &GiveBulk) -> Result<FleetBulkSites, Failure> {
+        let (hub, id) = (self.hub.clone(), self.id.to_owned());
+        let given = self.or_stopped(hub.give_bulk(&id, wanted)).await?;
+        given.map_err(|problem| match problem.may_have_acted {
+            true => self.lost(&problem),
+            false => self.context.failure(&problem),
+        })?;
+        let is_shown = !self.context.quiet && std::io::stderr().is_terminal();
+        loop {
+            let told = self.or_stopped(hub.bulk(&id, false)).await?;
+            let told = told.map_err(|problem| self.lost(&problem))?;
+            if is_shown {
+                self.show(&told);
+            }
+            if told.bulk.ended_at.is_some() {
+                break;
+            }
+            self.or_stopped(tokio::time::sleep(ASK)).await?;
+        }
         if is_shown {
-            let ended = counts.all - counts.waiting - counts.sent;
-            let values: &[(&str, &dyn std::fmt::Display)] =
-                &[("ended", &ended), ("count", &counts.all)];
-            let _ = write!(
-                std::io::stderr(),
-                "\r\x1b[K{}",
-                lang.fill(BulkText::SoFar, values)
-            );
+            let _ = write!(std::io::stderr(), "\r\x1b[K");
         }
-        if told.bulk.ended_at.is_some() {
-            break;
-        }
-        if stop.or(tokio::time::sleep(ASK)).await.is_some() {
-            continue;
-        }
-        if stopped {
-            return Err(stop::interrupted(context).perhaps_acted(true));
-        }
-        stopped = true;
-        let told = hub.stop_bulk(id).await;
-        told.map_err(|problem| lost(&problem))?;
-        context.note(lang.get(BulkText::Stopping));
+        let told = self.or_stopped(hub.bulk(&id, true)).await?;
+        told.map_err(|problem| self.lost(&problem))
     }
-    if is_shown {
-        let _ = write!(std::io::stderr(), "\r\x1b[K");
+
+    /// The result of this; the first Ctrl-C meanwhile stops the command, the second one ends the
+    /// wait.
+    async fn or_stopped<T>(&mut self, work: impl Future<Output = T>) -> Result<T, Failure> {
+        let mut work = pin!(work);
+        if let Some(done) = self.stop.or(&mut work).await {
+            return Ok(done);
+        }
+        if self.stopped {
+            return Err(self.left(stop::interrupted(self.context)));
+        }
+        self.stopped = true;
+        self.context.note(self.context.lang.get(BulkText::Stopping));
+        let both = async {
+            let stopped = self.hub.stop_bulk(self.id).await;
+            (work.await, stopped)
+        };
+        match self.stop.or(both).await {
+            Some((done, Ok(_))) => Ok(done),
+            // There is none: it was not recorded, or not yet.
+            Some((_, Err(problem))) => Err(self.lost(&problem)),
+            None => Err(self.left(stop::interrupted(self.context))),
+        }
     }
-    let told = hub.bulk(id, true).await;
-    Ok((told.map_err(|problem| lost(&problem))?, stopped))
+
+    fn show(&self, told: &FleetBulkSites) {
+        let counts = told.bulk.counts;
+        let ended = counts.all - counts.waiting - counts.sent;
+        let values: &[(&str, &dyn std::fmt::Display)] =
+            &[("ended", &ended), ("count", &counts.all)];
+        let line = self.context.lang.fill(BulkText::SoFar, values);
+        let _ = write!(std::io::stderr(), "\r\x1b[K{line}");
+    }
+
+    /// Nobody waits for it any more.
+    fn left(&self, failure: Failure) -> Failure {
+        let values: &[(&str, &dyn std::fmt::Display)] = &[("id", &self.id)];
+        let failure = failure.perhaps_acted(true);
+        failure.because(self.context.lang.fill(BulkText::GoesOn, values))
+    }
+
+    fn lost(&self, problem: &Problem) -> Failure {
+        self.left(self.context.failure(problem))
+    }
 }
 
 /// Prints what came of each site.

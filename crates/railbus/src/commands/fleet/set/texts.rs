@@ -6,7 +6,7 @@ railbus_words::texts! {
     About {
         en: "Switch an output, or a group of outputs, at many sites. It is sent to those that are \
             online, 256 at a time; Ctrl-C stops it. From 10 sites on, their number is to be said.",
-        zh: "对多个站点的同一输出或输出组下达命令：只发送给在线站点，每次最多 256 个，Ctrl-C 中止；\
+        zh: "对多个站点的同一输出或输出组下达命令：只发送给在线站点，每次最多 256 个，Ctrl-C 停止；\
             10 个及以上站点须给出数量。",
     }
     Examples {
@@ -40,6 +40,15 @@ railbus_words::texts! {
         en: "nothing was sent: say at which sites, by name, --group, --search or --all",
         zh: "未发送：请用站点名、--group、--search 或 --all 指定站点",
     }
+    Named {
+        en: "command {id}: railbus fleet commands {id} shows it",
+        zh: "命令编号 {id}：用 railbus fleet commands {id} 查看",
+    }
+    BadTarget {
+        en: "\"{word}\" names no output, as oven.k1 does, and no group, as @night does; \
+            patterns can't be given",
+        zh: "\"{word}\" 不是输出（如 oven.k1）或输出组（如 @night）；不支持通配",
+    }
     NoSites { en: "nothing was sent: no site is selected", zh: "未发送：没有选中任何站点" }
     OtherCount {
         en: "nothing was sent: there are {count} sites, not {said}",
@@ -54,19 +63,19 @@ railbus_words::texts! {
         zh: "输入站点数 {count} 以执行：",
     }
     Sendable {
-        en: "sites: {count}; online, and so sent it: {sendable}",
+        en: "sites: {count}; online, would be sent it: {sendable}",
         zh: "站点 {count} 个，其中在线、将会发送的 {sendable} 个",
     }
     PreviewHead { en: "SITE|STATE|NOW|NOTE", zh: "站点|状态|当前|备注" }
     WouldNot { en: "would not be sent it", zh: "不会发送" }
     SoFar { en: "results: {ended} of {count}", zh: "已有结果：{ended}/{count}" }
     Stopping {
-        en: "stopping: no more is sent, and what was sent goes on",
-        zh: "正在中止：不再发送；已发送的继续执行",
+        en: "stopping: no further sites; what has begun goes on",
+        zh: "正在停止：不再下达其余站点；已开始的继续执行",
     }
     GoesOn {
-        en: "the command goes on; see railbus fleet commands {id}",
-        zh: "命令仍在执行，见 railbus fleet commands {id}",
+        en: "it may go on: railbus fleet commands {id} shows it, and stops it with --stop",
+        zh: "命令可能仍在执行：用 railbus fleet commands {id} 查看，加 --stop 停止",
     }
     SomeFailed {
         en: "not done, or not known to be, at {failed} of {count} sites",
@@ -74,13 +83,22 @@ railbus_words::texts! {
     }
     OneSite { en: "1 site", zh: "1 个站点" }
     ManySites { en: "{count} sites", zh: "{count} 个站点" }
-    StoppedBy { en: "stopped by {who}", zh: "由 {who} 中止" }
-    NotSentYet { en: "not sent yet", zh: "尚未发送" }
+    StoppedBy { en: "stopped by {who}", zh: "由 {who} 停止" }
+    NotSentYet { en: "no record of sending", zh: "尚无发送记录" }
     DoneAt { en: "done: {count}", zh: "已完成 {count}" }
     UnconfirmedAt { en: "sent, not confirmed: {count}", zh: "已发送未确认 {count}" }
     FailedAt { en: "failed: {count}", zh: "失败 {count}" }
     NeverAt { en: "not carried out: {count}", zh: "未执行 {count}" }
     UnknownAt { en: "not known: {count}", zh: "未知 {count}" }
     OpenAt { en: "no answer yet: {count}", zh: "尚无应答 {count}" }
-    WaitingAt { en: "not sent yet: {count}", zh: "尚未发送 {count}" }
+    WaitingAt { en: "no record of sending: {count}", zh: "尚无发送记录 {count}" }
+    Many { en: "{sites} ({id})", zh: "{sites}（{id}）" }
+    NoSuch {
+        en: "no command to several sites has an id that begins with {id}",
+        zh: "没有编号以 {id} 开头的多站点命令",
+    }
+    StopIt {
+        en: "With an ID: no further sites are commanded; what has begun goes on",
+        zh: "须给出编号：不再下达其余站点，已开始的继续执行",
+    }
 }
