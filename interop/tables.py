@@ -750,6 +750,7 @@ over the network: {nobody without an account,each by its role,the record says wh
 FLEET_BULK = """
 many sites: {each has its own result,at two processes at once}
 many sites: once, whoever repeats it
+many sites: {so many at a time,stopped at another process,stopped by Ctrl-C,their number is said}
 many sites: {stop,kill,the servers are away,by the command line}
 """
 
