@@ -86,7 +86,7 @@ export const fleet = {
   fleet_result: ["Result", "结果"],
   fleet_no_commands: ["No command was given through this centre yet.", "尚未经此中心下达过命令。"],
   fleet_open_n: ["{n} without a result", "{n} 条尚无结果"],
-  fleet_end_waiting: ["not sent yet", "尚未发送"],
+  fleet_end_waiting: ["no record of sending", "尚无发送记录"],
   fleet_end_sent: ["no answer yet", "尚无应答"],
   fleet_end_done: ["done", "已完成"],
   fleet_end_unconfirmed: ["sent, not confirmed", "已发送，未确认"],
@@ -118,6 +118,6 @@ export const fleet = {
   fleet_site_many: ["{n} sites", "{n} 个站点"],
   fleet_sent_until: ["sending ended {at}", "{at} 发送结束"],
   fleet_stop: ["Stop", "停止"],
-  fleet_stop_what: ["What was sent goes on.", "已发送的命令继续执行。"],
-  fleet_stopped: ["Stopped by {name}: nothing more is sent.", "已由 {name} 停止，不再发送。"],
+  fleet_stop_what: ["No further sites; what has begun goes on.", "不再下达其余站点；已开始的继续执行。"],
+  fleet_stopped: ["Stopped by {name}: no further sites.", "已由 {name} 停止，不再下达其余站点。"],
 } as const satisfies Record<string, Pair>;
