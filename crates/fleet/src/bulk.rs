@@ -6,6 +6,7 @@
 //! end. So every process of the centre knows what became of it. docs/decisions/0062
 
 mod one;
+mod reasons;
 
 use crate::centre::StoreEnd;
 use crate::ledger::{CommandName, CommandTold, EndView, view_of};
@@ -16,6 +17,7 @@ use crate::names::is_site_name;
 use one::{Bulk, BulkStage, is_same};
 pub use one::{BulkSiteState, BulkView};
 use prost::Message as _;
+use reasons::{gone, over, refusal, stopped, uncertain, unconnected};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::Duration;
 
@@ -413,8 +415,8 @@ impl Bulks {
         let is_stopped = !bulk.stopped_by.is_empty();
         let told = match &mut bulk.stage {
             // Nothing of it is sent once it is recorded; that is told then.
-            BulkStage::Storing(callers) if callers.len() < CALLERS_MAX => {
-                callers.push(caller);
+            BulkStage::Storing(_) if bulk.stop_callers.len() < CALLERS_MAX => {
+                bulk.stop_callers.push(caller);
                 bulk.stopped(who, clock_ms);
                 return;
             }
@@ -444,6 +446,13 @@ impl Bulks {
             BulkStage::Ending(..) | BulkStage::Ended => BulkTold::Known,
         };
         self.tell(caller, told);
+    }
+
+    /// The order that these callers wanted to stop is not carried out here.
+    fn not_stopped(&mut self, callers: Vec<u64>) {
+        for caller in callers {
+            self.tell(caller, BulkTold::NotKnown);
+        }
     }
 
     /// A record is in the stream.
@@ -484,12 +493,13 @@ impl Bulks {
                             true => BulkTold::Known,
                             false => BulkTold::OtherOrder,
                         };
-                        let callers = bulk.callers();
+                        let (callers, stops) = (bulk.callers(), bulk.stops());
                         *bulk = Bulk::new(order, followed(), 0);
                         (bulk.place, bulk.last) = (number, number);
                         for caller in callers {
                             self.tell(caller, told);
                         }
+                        self.not_stopped(stops);
                     }
                     // The stream was restored, and has it under another number.
                     _ if is_ours && bulk.place != number => {
@@ -534,7 +544,8 @@ impl Bulks {
         }
         match (&mut bulk.stage, end) {
             (BulkStage::Storing(_), StoreEnd::Stored(place)) => {
-                let callers = bulk.callers();
+                let callers = bulk.callers().into_iter().chain(bulk.stops());
+                let callers: Vec<u64> = callers.collect();
                 (bulk.place, bulk.last) = (place, bulk.last.max(place));
                 bulk.stage = BulkStage::Running {
                     queue: bulk.order.sites.iter().cloned().collect(),
@@ -549,8 +560,9 @@ impl Bulks {
                 }
             }
             (BulkStage::Storing(_), StoreEnd::Conflict) => {
-                let callers = bulk.callers();
+                let (callers, stops) = (bulk.callers(), bulk.stops());
                 bulk.stage = BulkStage::Elsewhere(now + RECORD_WAIT, callers);
+                self.not_stopped(stops);
             }
             (BulkStage::Storing(_), StoreEnd::Unknown) => self.dropped(now, id),
             (BulkStage::Ending(end, None, _), StoreEnd::Stored(last)) => {
@@ -579,10 +591,11 @@ impl Bulks {
         };
         let (callers, order) = (bulk.callers(), bulk.order.clone());
         bulk.stage = BulkStage::Dropped(now + DROPPED);
-        let seen = bulk.seen.take();
+        let (seen, stops) = (bulk.seen.take(), bulk.stops());
         for caller in callers {
             self.tell(caller, BulkTold::NotStored);
         }
+        self.not_stopped(stops);
         if let Some(number) = seen {
             let order = BulkKind::Order(order);
             self.record(now, id, order, (number, Duration::ZERO));
@@ -663,36 +676,6 @@ impl Bulks {
 fn encoded(kind: BulkKind) -> Vec<u8> {
     let record = Some(kind);
     BulkRecord { record }.encode_to_vec()
-}
-
-fn refusal(code: &str, reason: &str) -> FleetRefusal {
-    FleetRefusal {
-        code: code.to_owned(),
-        reason: reason.to_owned(),
-    }
-}
-
-fn over() -> FleetRefusal {
-    refusal("E0185", "it was not its turn within 5 minutes")
-}
-
-fn gone() -> FleetRefusal {
-    refusal(
-        "E0185",
-        "the process of the centre that sent them has ended",
-    )
-}
-
-fn unconnected() -> FleetRefusal {
-    refusal("E0185", "the centre lost its connection")
-}
-
-fn stopped() -> FleetRefusal {
-    refusal("E0185", "it was stopped")
-}
-
-fn uncertain() -> FleetRefusal {
-    refusal("E0164", "it was not certain that it was recorded")
 }
 
 #[cfg(test)]

@@ -56,6 +56,8 @@ pub(super) struct Bulk {
     pub(super) seen: Option<u64>,
     /// A wish to stop it that is being stored: its number, and who waits for that.
     pub(super) stopping: Option<(u64, u64)>,
+    /// Who waits for a stop, while the order is being stored.
+    pub(super) stop_callers: Vec<u64>,
     /// Who stopped it.
     pub(super) stopped_by: String,
     /// When it had ended, in milliseconds since 1970.
@@ -144,6 +146,7 @@ impl Bulk {
             pending,
             seen: None,
             stopping: None,
+            stop_callers: Vec::new(),
             stopped_by: String::new(),
             ended_ms: 0,
             sites,
@@ -197,6 +200,11 @@ impl Bulk {
             }
             _ => Vec::new(),
         }
+    }
+
+    /// Who waits for a stop of it.
+    pub(super) fn stops(&mut self) -> Vec<u64> {
+        std::mem::take(&mut self.stop_callers)
     }
 
     /// The next site that is commanded, if this process does that.

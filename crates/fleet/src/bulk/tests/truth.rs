@@ -329,3 +329,44 @@ fn a_site_whose_turn_had_come_is_left_where_the_connection_is_lost() {
     let sites: Vec<usize> = end.unsent.iter().map(|unsent| unsent.sites.len()).collect();
     assert_eq!(sites, [2, 1]);
 }
+
+/// Another order of this id is not stopped by that.
+#[test]
+fn a_stop_of_an_order_that_is_not_carried_out_here_is_not_confirmed() {
+    let order = order(&["a"]);
+    let theirs = BulkOrder {
+        token: vec![2],
+        ..order.clone()
+    };
+    let theirs = encoded(BulkKind::Order(theirs));
+    let told = |end: Option<StoreEnd>| {
+        let mut hub = Hub::new();
+        hub.handle(BulkInput::Given(1, "b1", order.clone()));
+        let (number, ..) = hub.store();
+        hub.handle(BulkInput::Stop(2, "b1", "wu"));
+        match end {
+            Some(end) => hub.handle(BulkInput::Stored("b1", number, end)),
+            None => hub.handle(BulkInput::Record("b1", &theirs, 5, Duration::ZERO)),
+        }
+        let outputs = hub.outputs();
+        let of = |output: &BulkOutput| match output {
+            BulkOutput::Tell(2, told) => Some(*told),
+            _ => None,
+        };
+        (outputs.iter().find_map(of), hub)
+    };
+    for end in [None, Some(StoreEnd::Conflict), Some(StoreEnd::Unknown)] {
+        assert_eq!(told(end).0, Some(BulkTold::NotKnown), "{end:?}");
+    }
+    let (_, hub) = told(None);
+    assert_eq!(hub.0.get("b1").unwrap().stopped_by, None);
+    let mut hub = Hub::new();
+    hub.handle(BulkInput::Given(1, "b1", order));
+    hub.store();
+    hub.handle(BulkInput::Stop(2, "b1", "wu"));
+    hub.handle(BulkInput::Lost);
+    assert!(
+        hub.outputs()
+            .contains(&BulkOutput::Tell(2, BulkTold::NotKnown))
+    );
+}
