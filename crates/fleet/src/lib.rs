@@ -11,7 +11,8 @@
 //!   centre has its data: `uplink`. Which machine is a site, which sites are there, and what is
 //!   known of their points: `centre`. Commands to sites, and their results: `ledger`; one to many
 //!   sites: `bulk`.
-//! - A configuration for a site, signed: `desired`; tried there: `trial`.
+//! - A configuration for a site, signed: `desired`; tried there: `trial`; to many sites,
+//!   a few first: `rollout`.
 //! - Keys that are let in no longer: `revocation`.
 //! - A new fleet with all its files: `founding`; a server's configuration: `server_file`; its
 //!   certificates: `certificates`.
@@ -54,6 +55,7 @@ pub mod ledger;
 pub mod message;
 mod names;
 pub mod revocation;
+pub mod rollout;
 mod server_file;
 pub mod trial;
 pub mod uplink;
