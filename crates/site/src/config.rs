@@ -11,6 +11,7 @@ pub mod edit;
 mod faults;
 pub mod keeper;
 mod keys;
+pub mod layers;
 mod lint;
 mod outlet;
 mod owner;

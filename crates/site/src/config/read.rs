@@ -115,7 +115,7 @@ pub fn place_of(text: &str, path: &str) -> Option<(usize, usize)> {
     Some(line_and_column(text, &found?))
 }
 
-fn line_and_column(text: &str, span: &Span<usize>) -> (usize, usize) {
+pub(super) fn line_and_column(text: &str, span: &Span<usize>) -> (usize, usize) {
     let before = text.get(..span.start).unwrap_or(text);
     let line_start = before.rfind('\n').map_or(0, |at| at + 1);
     let column = before.get(line_start..).unwrap_or_default().chars().count() + 1;
