@@ -4,6 +4,7 @@ import { spawn, spawnSync } from "node:child_process";
 import { existsSync, mkdtempSync, readdirSync, readFileSync, rmSync } from "node:fs";
 import { request } from "node:http";
 import { createRequire } from "node:module";
+import { createServer } from "node:net";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
 import { createInterface } from "node:readline";
@@ -40,6 +41,7 @@ export async function serve() {
   return {
     link,
     origin: new URL(link).origin,
+    socket: join(folder, "socket"),
     /** Asks as the owner, over the daemon's socket; gives back what it says. */
     owner: (method, path, body) =>
       new Promise((resolve, reject) => {
@@ -85,6 +87,75 @@ export async function serveCentre() {
 
 /** The server of a fleet: installed with the other peers, or the one on the PATH. */
 const nats = join(root, "target/interop-venv/bin/nats-server");
+
+/** How much higher the port is at which servers of a fleet reach each other. */
+const ROUTE_OFFSET = 2_000;
+
+/** Whether nobody listens there. */
+const isFree = (port) =>
+  new Promise((resolve) => {
+    const server = createServer();
+    server.once("error", () => resolve(false));
+    server.listen(port, "127.0.0.1", () => server.close(() => resolve(true)));
+  });
+
+/** A port on which nothing listens, nor on that of its routes. */
+async function freePort() {
+  for (;;) {
+    const port = 20_000 + Math.floor(Math.random() * 10_000);
+    if ((await isFree(port)) && (await isFree(port + ROUTE_OFFSET))) return port;
+  }
+}
+
+/** A fleet as the guide makes one: three servers, a centre with pages, and sites that are invited. */
+export async function foundFleet() {
+  const folder = mkdtempSync(join(tmpdir(), "railbus-web-"));
+  const fleet = join(folder, "acme");
+  const socket = join(folder, "socket");
+  const env = { ...process.env, LANG: "C.UTF-8", RAILBUS_LANG: "en" };
+  const run = (...args) => {
+    const { status, stderr } = spawnSync(built, args, { env });
+    return { done: status === 0, said: String(stderr) };
+  };
+  const must = (...args) => {
+    const { done, said } = run(...args);
+    assert.ok(done, `railbus ${args.join(" ")}: ${said}`);
+  };
+  const ports = [];
+  while (ports.length < 3) {
+    const port = await freePort();
+    if (!ports.includes(port)) ports.push(port);
+  }
+  must("fleet", "init", fleet, "--nats", ports.map((port) => `127.0.0.1:${port}`).join(","));
+  const running = ports.map((_, at) =>
+    spawn(existsSync(nats) ? nats : "nats-server", ["-c", "nats.conf"], { cwd: join(fleet, `server${at + 1}`), stdio: "ignore" }),
+  );
+  const centre = spawn(built, ["fleet", "serve", fleet, "--listen", "127.0.0.1:0", "--socket", socket], { env, stdio: ["ignore", "pipe", "inherit"] });
+  running.unshift(centre);
+  const ended = running.map((child) => new Promise((resolve) => child.once("exit", resolve)));
+  // If the tests are cut off, they end all the same.
+  process.once("exit", () => running.forEach((child) => child.kill("SIGKILL")));
+  const link = await linkOf(centre);
+  return {
+    link,
+    origin: new URL(link).origin,
+    /** A site joins by an invitation, and lets the centre switch all of it. */
+    async invite(name, site) {
+      const invitation = join(folder, `${name}.invitation`);
+      must("fleet", "enrol", fleet, name, invitation);
+      // Until the servers have found each other.
+      await until(() => run("fleet", "join", invitation, "--socket", site.socket).done);
+      const { outlets } = await site.owner("GET", "/outlets");
+      const { outlet, settings } = outlets.find(({ kind }) => kind === "fleet");
+      await site.owner("PUT", `/outlets/fleet/${outlet}`, { ...settings, write: ["*"] });
+    },
+    async stop() {
+      running.forEach((child) => child.kill("SIGTERM"));
+      await Promise.all(ended);
+      rmSync(folder, { recursive: true, force: true });
+    },
+  };
+}
 
 /** `railbus fleet demo`: a server, a centre and three sites; the link to set up the centre. */
 export async function serveFleet() {
