@@ -3,7 +3,7 @@
 use super::command::GivenCommand;
 use super::driver::HubCall;
 use super::routes::{Calls, call};
-use super::sites::SitesWanted;
+use super::sites::{ListWindow, SitesWanted};
 use super::view::{SCHEMA, end_of, point};
 use crate::events::unreadable;
 use axum::body::Bytes;
@@ -96,8 +96,7 @@ impl GivenBulk {
 #[derive(Clone, Debug, Default)]
 pub(super) struct BulkWanted {
     state: Option<FleetBulkState>,
-    limit: Option<usize>,
-    offset: usize,
+    window: ListWindow,
 }
 
 impl BulkWanted {
@@ -106,10 +105,6 @@ impl BulkWanted {
     /// # Errors
     /// [`codes::BAD_REQUEST`] if one can't be read.
     pub(super) fn of(asked: &BTreeMap<String, String>) -> Result<BulkWanted, Problem> {
-        let number = |key: &str| {
-            let text = asked.get(key).map(|text| text.parse::<usize>());
-            text.transpose().map_err(|_| unreadable(key))
-        };
         let state = match asked.get("state").map(String::as_str) {
             None => None,
             Some("waiting") => Some(FleetBulkState::Waiting),
@@ -123,46 +118,45 @@ impl BulkWanted {
         };
         Ok(BulkWanted {
             state,
-            limit: number("limit")?,
-            offset: number("offset")?.unwrap_or_default(),
+            window: ListWindow::of(asked)?,
         })
     }
 }
 
-/// What a caller wants to know of an order, or to do with it.
-pub(super) enum BulkCall {
-    Give(GivenBulk),
-    /// By whom.
-    Stop(String),
-    See,
-}
-
-/// Asks the driver, and returns the order with its sites.
-pub(super) async fn ask(
+/// Gives an order, and returns it with its sites.
+pub(super) async fn give(
     calls: &Calls,
-    id: &str,
-    what: BulkCall,
+    given: GivenBulk,
     wanted: BulkWanted,
 ) -> Result<FleetBulkSites, Problem> {
-    let is_again = match &what {
-        BulkCall::Give(given) => given.is_again,
-        BulkCall::Stop(_) => true,
-        BulkCall::See => false,
-    };
-    if !matches!(what, BulkCall::See) {
-        let told = match what {
-            BulkCall::Give(given) => call(calls, |to| HubCall::GiveBulk(given, to)).await,
-            BulkCall::Stop(who) => {
-                let id = id.to_owned();
-                call(calls, |to| HubCall::StopBulk(id, who, to)).await
-            }
-            BulkCall::See => Ok(BulkTold::Known),
-        };
-        // The centre is stopping: it may have been recorded.
-        let told = told.map_err(|problem| problem.perhaps_acted(true))?;
-        refused(id, told, is_again)?;
-    }
-    let id = id.to_owned();
+    let (id, is_again) = (given.id.clone(), given.is_again);
+    let told = call(calls, |to| HubCall::GiveBulk(given, to)).await;
+    // The centre is stopping: it may have been recorded.
+    let told = told.map_err(|problem| problem.perhaps_acted(true))?;
+    refused(&id, told, is_again)?;
+    see(calls, id, wanted).await
+}
+
+/// Stops an order, by the wish of this caller, and returns it with its sites.
+pub(super) async fn stop(
+    calls: &Calls,
+    id: String,
+    who: String,
+    wanted: BulkWanted,
+) -> Result<FleetBulkSites, Problem> {
+    let of = id.clone();
+    let told = call(calls, |to| HubCall::StopBulk(of, who, to)).await;
+    let told = told.map_err(|problem| problem.perhaps_acted(true))?;
+    refused(&id, told, true)?;
+    see(calls, id, wanted).await
+}
+
+/// An order with its sites.
+pub(super) async fn see(
+    calls: &Calls,
+    id: String,
+    wanted: BulkWanted,
+) -> Result<FleetBulkSites, Problem> {
     call(calls, |to| HubCall::Bulk(id, wanted, to)).await?
 }
 
@@ -200,16 +194,13 @@ pub(super) fn bulk_sites(
     wanted: &BulkWanted,
 ) -> Result<FleetBulkSites, Problem> {
     let view = bulks.get(id).ok_or_else(|| no_bulk(id))?;
-    let end = wanted
-        .limit
-        .map(|limit| wanted.offset.saturating_add(limit));
     let (mut total, mut sites) = (0, Vec::new());
     for (site, state, result) in view.sites() {
         let state = state_of(state);
         if wanted.state.is_some_and(|wanted| wanted != state) {
             continue;
         }
-        if total >= wanted.offset && end.is_none_or(|end| total < end) {
+        if wanted.window.has(total) {
             sites.push(FleetBulkSite {
                 site: site.to_owned(),
                 state,

@@ -575,7 +575,9 @@ impl Driver {
         match call {
             HubCall::Sites(wanted, to) => {
                 let error = self.error.as_ref().map(|(problem, _)| problem.clone());
-                let known = (&self.centre, &self.ledger);
+                let unreadable = self.ledger.unreadable();
+                let unreadable = unreadable.saturating_add(self.bulks.unreadable());
+                let known = (&self.centre, unreadable);
                 _ = to.send(sites::sites(known, &wanted, (now, clock_s), error));
             }
             HubCall::Site(name, to) => {

@@ -1,6 +1,6 @@
 //! The API of the centre, over its socket and over TCP, and what is required of its callers.
 
-use super::bulk::{self, BULK_BODY_MAX, BulkCall, BulkWanted, GivenBulk, PreviewWanted};
+use super::bulk::{self, BULK_BODY_MAX, BulkWanted, GivenBulk, PreviewWanted};
 use super::command::{self, GivenCommand};
 use super::driver::HubCall;
 use super::pages;
@@ -300,8 +300,7 @@ async fn give_bulk(
         (Ok(given), Ok(listed)) => (given, listed),
         (Err(problem), _) | (_, Err(problem)) => return answer::problem(&problem),
     };
-    let (id, what) = (given.id.clone(), BulkCall::Give(given));
-    let told = bulk::ask(&api.calls, &id, what, listed).await;
+    let told = bulk::give(&api.calls, given, listed).await;
     answer::json(told.map(|told| titled(&api, &headers, told)))
 }
 
@@ -312,7 +311,7 @@ async fn bulk_of(
     headers: HeaderMap,
 ) -> Response<Body> {
     let told = match BulkWanted::of(&asked) {
-        Ok(wanted) => bulk::ask(&api.calls, &id, BulkCall::See, wanted).await,
+        Ok(wanted) => bulk::see(&api.calls, id, wanted).await,
         Err(problem) => Err(problem),
     };
     answer::json(told.map(|told| titled(&api, &headers, told)))
@@ -326,10 +325,7 @@ async fn stop_bulk(
     headers: HeaderMap,
 ) -> Response<Body> {
     let told = match BulkWanted::of(&asked) {
-        Ok(wanted) => {
-            let what = BulkCall::Stop(caller.name.clone());
-            bulk::ask(&api.calls, &id, what, wanted).await
-        }
+        Ok(wanted) => bulk::stop(&api.calls, id, caller.name, wanted).await,
         Err(problem) => Err(problem),
     };
     answer::json(told.map(|told| titled(&api, &headers, told)))

@@ -5,7 +5,6 @@ use crate::events::unreadable;
 use railbus_api::fleet::{FleetCounts, FleetGroup, FleetSites, HubConnection};
 use railbus_api::problem::{Problem, codes};
 use railbus_fleet::centre::{Centre, SitePresence, SiteView};
-use railbus_fleet::ledger::Ledger;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -38,8 +37,37 @@ pub(super) struct SitesWanted {
     words: Vec<String>,
     state: Option<StateWanted>,
     group: Option<String>,
+    window: ListWindow,
+}
+
+/// Which part of a long list is listed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct ListWindow {
     limit: Option<usize>,
     offset: usize,
+}
+
+impl ListWindow {
+    /// That of the parameters `limit` and `offset`.
+    ///
+    /// # Errors
+    /// [`codes::BAD_REQUEST`] if one can't be read.
+    pub(super) fn of(asked: &BTreeMap<String, String>) -> Result<ListWindow, Problem> {
+        let number = |key: &str| {
+            let text = asked.get(key).map(|text| text.parse::<usize>());
+            text.transpose().map_err(|_| unreadable(key))
+        };
+        Ok(ListWindow {
+            limit: number("limit")?,
+            offset: number("offset")?.unwrap_or_default(),
+        })
+    }
+
+    /// Whether the one at this place of the whole list, from 0, is in it.
+    pub(super) fn has(&self, place: usize) -> bool {
+        let before = place.checked_sub(self.offset);
+        before.is_some_and(|before| self.limit.is_none_or(|limit| before < limit))
+    }
 }
 
 /// The state of the sites that are wanted.
@@ -57,10 +85,6 @@ impl SitesWanted {
     /// # Errors
     /// [`codes::BAD_REQUEST`] if one can't be read.
     pub(super) fn of(asked: &BTreeMap<String, String>) -> Result<SitesWanted, Problem> {
-        let number = |key: &str| {
-            let text = asked.get(key).map(|text| text.parse::<usize>());
-            text.transpose().map_err(|_| unreadable(key))
-        };
         let search = asked.get("search").map_or("", String::as_str);
         // Letter by letter, as paths are: the end of a word is no matter.
         let lower = |word: &str| word.chars().flat_map(char::to_lowercase).collect();
@@ -81,8 +105,7 @@ impl SitesWanted {
             words,
             state,
             group: asked.get("group").cloned(),
-            limit: number("limit")?,
-            offset: number("offset")?.unwrap_or_default(),
+            window: ListWindow::of(asked)?,
         })
     }
 
@@ -104,9 +127,10 @@ impl SitesWanted {
     }
 }
 
-/// The sites that are wanted, at this time since the start, and in seconds since 1970.
+/// The sites that are wanted, at this time since the start, and in seconds since 1970; and so many
+/// records besides what the centre heard were not understood.
 pub(super) fn sites(
-    (centre, ledger): (&Centre, &Ledger),
+    (centre, unreadable): (&Centre, u64),
     wanted: &SitesWanted,
     (now, clock_s): (Duration, i64),
     error: Option<Problem>,
@@ -116,16 +140,13 @@ pub(super) fn sites(
         connection: HubConnection {
             connected: centre.is_connected(),
             error,
-            unreadable: centre.unreadable().saturating_add(ledger.unreadable()),
+            unreadable: centre.unreadable().saturating_add(unreadable),
         },
         total: 0,
         counts: FleetCounts::default(),
         groups: groups(centre),
         sites: Vec::new(),
     };
-    let end = wanted
-        .limit
-        .map(|limit| wanted.offset.saturating_add(limit));
     for view in centre.sites(now) {
         let has_attention = view.attention(clock_s).next().is_some();
         let counts = &mut told.counts;
@@ -139,7 +160,7 @@ pub(super) fn sites(
         if !wanted.takes(&view, has_attention) {
             continue;
         }
-        if told.total >= wanted.offset && end.is_none_or(|end| told.total < end) {
+        if wanted.window.has(told.total) {
             told.sites.push(site(&view, clock_s));
         }
         told.total += 1;

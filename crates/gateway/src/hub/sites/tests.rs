@@ -70,7 +70,7 @@ fn wanted(query: &[(&str, &str)]) -> Result<SitesWanted, Problem> {
 
 fn asked(centre: &Centre, query: &[(&str, &str)]) -> FleetSites {
     let wanted = wanted(query).unwrap();
-    sites((centre, &Ledger::default()), &wanted, (NOW, CLOCK_S), None)
+    sites((centre, 0), &wanted, (NOW, CLOCK_S), None)
 }
 
 pub(in crate::hub) fn three() -> Centre {
