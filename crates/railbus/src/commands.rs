@@ -45,3 +45,13 @@ mod trace;
 mod wireshark;
 
 pub(crate) use context::{Context, global_flags};
+
+use std::fs::File;
+use std::io::{self, Read};
+
+/// A name that no other one has: 16 random hexadecimal digits.
+fn random_id() -> io::Result<String> {
+    let mut bytes = [0; 8];
+    File::open("/dev/urandom")?.read_exact(&mut bytes)?;
+    Ok(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
+}

@@ -3,6 +3,7 @@
 use crate::args;
 use crate::backend;
 use crate::commands::Context;
+use crate::commands::random_id;
 use clap::{Arg, ArgMatches, value_parser};
 use railbus_app::config_file;
 use railbus_app::failure::Failure;
@@ -12,7 +13,6 @@ use railbus_site::Config;
 use railbus_store::journal::JournalFile;
 use railbus_words::Code;
 use railbus_words::Lang;
-use std::io::Read;
 use std::path::PathBuf;
 
 use super::texts::ConfigText;
@@ -118,11 +118,7 @@ impl ConfigContext {
             return Ok(name.trim().to_owned());
         }
         drop(self.store(context)?);
-        let mut random = [0; 8];
-        std::fs::File::open("/dev/urandom")
-            .and_then(|mut source| source.read_exact(&mut random))
-            .map_err(failed)?;
-        let name: String = random.iter().map(|byte| format!("{byte:02x}")).collect();
+        let name = random_id().map_err(failed)?;
         std::fs::write(&file, format!("{name}\n")).map_err(failed)?;
         Ok(name)
     }

@@ -44,7 +44,9 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
     let lang = context.lang;
     let told = super::ask(context, matches, async |hub| hub.commands().await)?;
     let site = super::text(matches, "SITE");
-    let of_id = |bulk: &&FleetBulk| !site.is_empty() && bulk.id.starts_with(site);
+    // A shorter one may be the name of a site.
+    let is_id = site.len() >= ID_SHOWN;
+    let of_id = |bulk: &&FleetBulk| is_id && bulk.id.starts_with(site);
     let mut found = told.bulk.iter().filter(of_id);
     if let (Some(FleetBulk { id, .. }), None) = (found.next(), found.next()) {
         let stops = matches.get_flag("stop");
@@ -55,6 +57,9 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
             hub.bulk(id, true).await
         })?;
         context.note(&one_bulk(lang, &told.bulk));
+        if !told.connected {
+            context.note(lang.get(BulkText::NotAll));
+        }
         return set::tell(context, &told);
     }
     if matches.get_flag("stop") {

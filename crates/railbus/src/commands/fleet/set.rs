@@ -9,7 +9,7 @@ use crate::args;
 use crate::commands::context::hub_socket;
 use crate::commands::set::orders::State;
 use crate::commands::stop::{self, Stop};
-use crate::commands::{Context, ls};
+use crate::commands::{Context, ls, random_id};
 use crate::texts::Text;
 use clap::{Arg, ArgAction, ArgMatches, Command, value_parser};
 use railbus_api::fleet::{
@@ -26,8 +26,7 @@ use railbus_client::{HubClient, api_path};
 use railbus_words::{Code, Lang, width};
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs::File;
-use std::io::{BufRead, IsTerminal, Read, Write};
+use std::io::{BufRead, IsTerminal, Write};
 use std::pin::pin;
 use std::time::Duration;
 use texts::BulkText;
@@ -120,7 +119,8 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
         body: wanted.body,
     };
     let named = hub_socket(matches);
-    let id = new_id().map_err(|error| Failure::of(lang, Code::System).because(error))?;
+    // It is known by this, also where its answer is lost.
+    let id = random_id().map_err(|error| Failure::of(lang, Code::System).because(error))?;
     if wanted.sites.len() >= SAID_FROM {
         context.note(&lang.fill(BulkText::Named, &[("id", &id)]));
     }
@@ -140,13 +140,6 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
     })?;
     tell(context, &told)?;
     conclude(context, &told, stopped)
-}
-
-/// By which it is known, also where its answer is lost.
-fn new_id() -> std::io::Result<String> {
-    let mut bytes = [0; 8];
-    File::open("/dev/urandom")?.read_exact(&mut bytes)?;
-    Ok(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
 }
 
 /// What is to be done at each site.

@@ -93,6 +93,11 @@ railbus_words::texts! {
     OpenAt { en: "no answer yet: {count}", zh: "尚无应答 {count}" }
     WaitingAt { en: "no record of sending: {count}", zh: "尚无发送记录 {count}" }
     Many { en: "{sites} ({id})", zh: "{sites}（{id}）" }
+    NotAll {
+        en: "the centre has no connection: more may have been sent, and more be known, than it \
+            shows",
+        zh: "中心未连接服务器：实际发送和已知的结果可能多于所示",
+    }
     NoSuch {
         en: "no command to several sites has an id that begins with {id}",
         zh: "没有编号以 {id} 开头的多站点命令",
