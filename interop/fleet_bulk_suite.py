@@ -4,7 +4,6 @@ so, whichever process of the centre is asked."""
 import json
 import signal
 import threading
-import time
 
 from fleet_centre import Site, is_so
 from fleet_command_suite import SITE, TAKEN_OVER, Writable, centres, ledger, relays
@@ -200,8 +199,11 @@ def cut_off(s, fleet, hub, other, others):
         site.run(site.connect())
         site.beat(others.sessions[name])
     is_so(s, entry, lambda: {hub.site(name)["presence"] for name in GOOD}, {"online"}, "there")
-    time.sleep(1)
-    s.check(entry, [others.heard(name) for name in GOOD], [[]] * len(GOOD), "not sent later")
+    # What comes after them has come: they would have.
+    status, said = give(hub, GOOD, "after")
+    is_so(s, entry, lambda: told(hub, "after")[1], True, str(said)[:200])
+    s.check(entry, [others.heard(name) for name in GOOD], [["after"]] * len(GOOD),
+            "not sent later")
     s.check(entry, told(hub, "again"), (404, "E0837"), "it is not known")
 
 
