@@ -414,7 +414,7 @@ impl Bulks {
         };
         let is_stopped = !bulk.stopped_by.is_empty();
         let told = match &mut bulk.stage {
-            // Nothing of it is sent once it is recorded; that is told then.
+            // The caller is answered once the order is recorded: then none of it is sent.
             BulkStage::Storing(_) if bulk.stop_callers.len() < CALLERS_MAX => {
                 bulk.stop_callers.push(caller);
                 bulk.stopped(who, clock_ms);
@@ -527,7 +527,7 @@ impl Bulks {
             return;
         };
         if let Some((_, caller)) = bulk.stopping.take_if(|(of, _)| *of == number) {
-            // Somebody else stopped it, or it has ended: if that was heard.
+            // Another stop, or the end of the order, was heard.
             let is_over = !bulk.stopped_by.is_empty() || bulk.has_ended();
             let told = match end {
                 StoreEnd::Stored(last) => {
@@ -570,7 +570,7 @@ impl Bulks {
                 bulk.last = bulk.last.max(last);
                 bulk.ended(&end);
             }
-            // It is so all the same. After a restart another process ends it once more.
+            // Given up. It is true all the same; after a restart, a process records it again.
             (BulkStage::Ending(end, None, STORES_MAX), _) => {
                 let end = end.clone();
                 bulk.ended(&end);

@@ -140,11 +140,12 @@ impl Rollout {
     /// How it is.
     #[must_use]
     pub fn state(&self) -> RolloutState {
-        match () {
-            () if self.sites.values().all(|site| site.end.is_some()) => RolloutState::Done,
-            () if self.is_stopped => RolloutState::Stopped,
-            () if self.is_halted => RolloutState::Halted,
-            () => RolloutState::Running,
+        let is_done = self.sites.values().all(|site| site.end.is_some());
+        match (is_done, self.is_stopped, self.is_halted) {
+            (true, ..) => RolloutState::Done,
+            (false, true, _) => RolloutState::Stopped,
+            (false, false, true) => RolloutState::Halted,
+            (false, false, false) => RolloutState::Running,
         }
     }
 
@@ -212,7 +213,7 @@ impl Rollout {
         }
     }
 
-    /// The next site that is to get its document; none if none is for now. It counts as given.
+    /// The next site to get its document, which counts as given from then on; none for now.
     pub fn poll(&mut self) -> Option<String> {
         if self.is_halted || self.is_stopped || self.counts().trying >= TRYING_MAX {
             return None;

@@ -20,7 +20,7 @@ pub(super) enum BulkStage {
         queue: VecDeque<String>,
         until: Duration,
     },
-    /// Another process carries it out; after this time, nobody.
+    /// Another process carries it out, until this time at most.
     Followed(Duration),
     /// All was sent that will be, and that is being stored; or when it is stored again, and how
     /// often it was.
@@ -229,8 +229,8 @@ impl Bulk {
             CommandKind::Intent(intent) => Some(intent),
             CommandKind::End(end) => end.intent.as_ref(),
         };
-        // Somebody else may have used the id for another one. One that is the same is carried out
-        // once for both.
+        // The id may also be that of another command. An identical one is carried out once for
+        // both.
         let is_ours = intent.is_some_and(|intent| {
             intent.method == self.order.method
                 && intent.path == self.order.path
@@ -290,7 +290,8 @@ impl Bulk {
         }
     }
 
-    /// Somebody stopped it. If another process carries it out, that one says which sites are left.
+    /// A stop was requested. If another process carries it out, that one records which sites are
+    /// left.
     pub(super) fn stopped(&mut self, who: &str, at_ms: i64) {
         if self.stopped_by.is_empty() {
             who.clone_into(&mut self.stopped_by);

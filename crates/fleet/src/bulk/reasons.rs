@@ -15,7 +15,7 @@ pub(super) fn over() -> FleetRefusal {
     refusal("E0185", "it was not its turn within 5 minutes")
 }
 
-/// Nobody carries it out any more.
+/// The process that carried it out has ended.
 pub(super) fn gone() -> FleetRefusal {
     refusal(
         "E0185",
@@ -28,7 +28,7 @@ pub(super) fn unconnected() -> FleetRefusal {
     refusal("E0185", "the centre lost its connection")
 }
 
-/// Somebody stopped it.
+/// A stop was requested.
 pub(super) fn stopped() -> FleetRefusal {
     refusal("E0185", "it was stopped")
 }

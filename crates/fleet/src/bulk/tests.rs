@@ -151,7 +151,7 @@ fn an_order_is_recorded_then_sent_then_its_end_is_recorded() {
         panic!("{end:?}");
     };
     assert_eq!(unsent.sites, ["b"]);
-    // Nobody wrote a record of c here, as the ledger does.
+    // The record of c, which the ledger stores.
     hub.handle(BulkInput::Command(
         ("c", "b1"),
         &record(CommandKind::Intent(intent(&order))),
@@ -449,7 +449,7 @@ fn another_command_of_its_id_is_none_of_it() {
     };
     hub.told("a", CommandTold::End(Arc::new(end)));
     assert_eq!(hub.states(), [("a", Done)]);
-    // Where nobody knows, that is said, until somebody does.
+    // An unknown result is reported as unknown, until a record arrives.
     let mut hub = Hub::new();
     hub.given(&order);
     hub.told("a", CommandTold::NotKnown);

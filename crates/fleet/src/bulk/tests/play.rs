@@ -45,7 +45,7 @@ struct World {
     begun: BTreeSet<String>,
     told: usize,
     killed: Option<usize>,
-    /// The sites of which somebody said that they were not commanded.
+    /// The sites that any hub has reported as not commanded.
     left: BTreeSet<String>,
 }
 
@@ -300,7 +300,7 @@ impl World {
         }
     }
 
-    /// Nobody ever says of a site that acted, or will, that it was not commanded.
+    /// No hub ever reports a site as not commanded that acts, before or afterwards.
     fn watch(&mut self) {
         for (at, hub) in self.hubs.iter().enumerate() {
             let view = hub.get("b1").filter(|_| self.killed != Some(at));
