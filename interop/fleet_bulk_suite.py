@@ -247,6 +247,7 @@ def suite_real():
         s.check(entry, (code, "E0906" in said, relays(s, "tank")[0]), (11, True, 0), said + error)
         for words, what in ((("--all", "--count", "2"), "another number"),
                             (("plant9",), "no such site"), ((), "no site"),
+                            (("--search", " "), "a search without words"),
                             (("--group", "none"), "a group without sites")):
             code, said, error = hub.run("set", "oven.k1", "on", *words)
             s.check(entry, (code != 0, said, relays(s)[0]), (True, "", 0), f"{what}: {error}")

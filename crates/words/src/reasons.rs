@@ -335,7 +335,7 @@ const REASONS: &[[&str; 2]] = &[
         "it was not certain that it was recorded",
         "当时不确定是否已记录",
     ],
-    ["it was stopped", "已被中止"],
+    ["it was stopped", "已被停止"],
     [
         "it was not its turn within {n} minutes",
         "{n} 分钟内未轮到该站点",

@@ -95,7 +95,7 @@ export const fleet = {
   fleet_end_unknown: ["not known whether it was carried out", "不知道是否已执行"],
   fleet_scene: ["scene {name}", "场景 {name}"],
   fleet_verb_pulse: ["pulse", "点动"],
-  fleet_verb_toggle: ["toggle", "切换"],
+  fleet_verb_toggle: ["toggle", "翻转"],
   fleet_switch: ["Switch at several sites", "对多个站点下达命令"],
   fleet_switch_these: ["Switch at these sites…", "对这些站点下达命令…"],
   fleet_all: ["all", "全部"],

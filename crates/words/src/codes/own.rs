@@ -261,7 +261,7 @@ codes! {
         title: ["not sent: its turn did not come", "未发送：未轮到该站点"],
         likely: ["somebody stopped it · the centre stopped, or lost its servers · too many sites \
             did not answer",
-            "有人中止 · 中心停止运行或与服务器断开 · 过多站点无应答"],
+            "有人停止 · 中心停止运行或与服务器断开 · 过多站点无应答"],
         next: ["give it once more to the sites that are left, if it is still wanted",
             "如仍需要，对剩余站点重新下达"],
     }

@@ -194,7 +194,7 @@ fn what(lang: Lang, (method, path, text): (&str, &str, &str)) -> String {
         ["points", module, label] => {
             state(body.get("value")).map(|state| format!("{module}.{label} {state}"))
         }
-        ["points", module, label, verb] => Some(format!("{module}.{label} {verb}")),
+        ["points", module, label, verb] => Some(format!("{module}.{label} {}", said(lang, verb))),
         ["modules", module, "outputs"] => body.get("set").and_then(Value::as_object).map(|set| {
             let each = set.iter();
             let each = each.map(|(label, on)| {
@@ -204,11 +204,12 @@ fn what(lang: Lang, (method, path, text): (&str, &str, &str)) -> String {
             format!("{module} {}", each.collect::<Vec<_>>().join(" "))
         }),
         ["groups", group, "set"] => {
-            let word = body.get("value").and_then(Value::as_str).map(str::to_owned);
+            let word = body.get("value").and_then(Value::as_str);
+            let word = word.map(|word| said(lang, word).to_owned());
             let state = state(body.get("value")).or(word);
             state.map(|state| format!("@{group} {state}"))
         }
-        ["scenes", scene, "run"] => Some(format!("scene {scene}")),
+        ["scenes", scene, "run"] => Some(lang.fill(FleetText::Scene, &[("name", &scene)])),
         ["batch"] => body.get("set").and_then(Value::as_array).map(|set| {
             let paths = set.iter().filter_map(|one| one.get("path")?.as_str());
             paths.collect::<Vec<_>>().join(" ")
@@ -216,6 +217,15 @@ fn what(lang: Lang, (method, path, text): (&str, &str, &str)) -> String {
         _ => None,
     };
     known.unwrap_or_else(|| format!("{method} {path} {text}"))
+}
+
+/// The word of a command for people.
+fn said(lang: Lang, verb: &str) -> &str {
+    match verb {
+        "toggle" => lang.get(FleetText::Toggle),
+        "pulse" => lang.get(FleetText::Pulse),
+        other => other,
+    }
 }
 
 /// What became of a site of a command to many.

@@ -83,7 +83,11 @@ struct SiteOrder {
 pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure> {
     let lang = context.lang;
     let order = order(lang, matches)?;
-    let has = |name| matches.contains_id(name);
+    // An empty one, as a script may have by mistake, names no sites.
+    let has = |name| {
+        let texts = matches.get_many::<String>(name).into_iter().flatten();
+        texts.into_iter().any(|text| !text.trim().is_empty())
+    };
     if !(has("SITE") || has("group") || has("search") || matches.get_flag("all")) {
         let failure = Failure::new(Code::Usage, lang.get(BulkText::WhichSites).to_owned());
         return Err(failure.with_try("railbus fleet set oven.k1 on --group north"));

@@ -244,6 +244,9 @@ press Ctrl-C to stop",
     }
     Limit { en: "How many, the newest [20]", zh: "显示最新的几条 [20]" }
     CommandsHead { en: "WHEN|SITE|WHAT|BY|RESULT", zh: "时间|站点|命令|操作者|结果" }
+    Toggle { en: "toggle", zh: "翻转" }
+    Pulse { en: "pulse", zh: "点动" }
+    Scene { en: "scene {name}", zh: "场景 {name}" }
     Done { en: "done", zh: "已完成" }
     SentOnly { en: "sent, not confirmed", zh: "已发送，未确认" }
     NotDone { en: "not carried out: {why}", zh: "未执行：{why}" }
