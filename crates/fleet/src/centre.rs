@@ -13,7 +13,8 @@ mod session;
 mod view;
 
 use crate::message::{
-    Beat, DataBatch, FleetRefusal, Hello, HelloAnswer, SessionLease, SiteState, Welcome,
+    Beat, ConfigReport, DataBatch, FleetRefusal, Hello, HelloAnswer, SessionLease, SiteState,
+    Welcome,
 };
 use crate::names::is_site_name;
 use crate::uplink::is_token;
@@ -293,6 +294,7 @@ impl Centre {
                 (&*beat.beat.boot, beat.beat.time_ms.saturating_add(since))
             }),
             version: lease.map_or("", |lease| &lease.version),
+            config: beat.and_then(|beat| beat.beat.config.as_ref()),
             key_expires_s: beat
                 .and_then(|beat| beat.beat.key_expires_s)
                 .or_else(|| lease.and_then(|lease| lease.key_expires_s)),
@@ -575,8 +577,9 @@ impl Centre {
         self.unreadable += u64::from(is_understood.is_err());
     }
 
-    fn beat(&mut self, now: Duration, name: &str, beat: Beat) {
+    fn beat(&mut self, now: Duration, name: &str, mut beat: Beat) {
         let clock_ms = self.clock_ms;
+        beat.config = beat.config.filter(ConfigReport::is_short);
         let Some(site) = self.entry(name) else {
             return;
         };

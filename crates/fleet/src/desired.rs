@@ -11,6 +11,8 @@ use prost::Message as _;
 pub const CONFIG_TEXT_MAX: usize = 512 << 10;
 /// The longest name of who wanted it, in bytes.
 const USER_MAX: usize = 256;
+/// The longest hash, in bytes.
+const HASH_LEN: usize = 32;
 /// What comes before what is signed: no other signature of this key is one of a configuration.
 const SIGNED_AS: &[u8] = b"railbus configuration 1\0";
 
@@ -153,6 +155,7 @@ impl From<ConfigDocument> for WantedConfig {
         WantedConfig {
             version: document.version,
             text: document.text,
+            replaces: document.replaces,
         }
     }
 }
@@ -167,8 +170,10 @@ fn check(document: &ConfigDocument) -> Result<(), DesiredError> {
         return Err(DesiredError::TooLong);
     }
     // The first version is 1: 0 is none.
-    let can_be =
-        document.version > 0 && is_site_name(&document.site) && document.user.len() <= USER_MAX;
+    let can_be = document.version > 0
+        && is_site_name(&document.site)
+        && document.user.len() <= USER_MAX
+        && document.replaces.len() <= HASH_LEN;
     match can_be {
         true => Ok(()),
         false => Err(DesiredError::Malformed),
@@ -186,6 +191,7 @@ mod tests {
             text: "[line.hall]\nport = \"/dev/ttyS1\"\n".to_owned(),
             user: "li".to_owned(),
             at_ms: 1_795_910_400_000,
+            replaces: vec![7; 32],
         }
     }
 
@@ -250,6 +256,7 @@ mod tests {
         assert_eq!(wrong(|one| one.version = 0), malformed);
         assert_eq!(wrong(|one| one.site = "a.b".to_owned()), malformed);
         assert_eq!(wrong(|one| one.user = "x".repeat(257)), malformed);
+        assert_eq!(wrong(|one| one.replaces = vec![0; 33]), malformed);
         let long = |one: &mut ConfigDocument| one.text = "x".repeat(CONFIG_TEXT_MAX + 1);
         assert_eq!(wrong(long), Some(DesiredError::TooLong));
         let fits = |one: &mut ConfigDocument| one.text = "x".repeat(CONFIG_TEXT_MAX);

@@ -3,6 +3,7 @@
 use crate::certificates::{Authority, Pair};
 use crate::claims::{self, Claims};
 use crate::creds;
+use crate::desired::{ConfigSigner, DesiredError};
 use crate::grants::{self, OF_HUB, OF_SITES};
 use crate::server_file::{Accounts, server_file};
 use nkeys::KeyPair;
@@ -12,6 +13,10 @@ pub use crate::server_file::NodeAddress;
 
 /// How many servers a fleet may have: with an even number no more may fail than with one less.
 pub const NODE_COUNTS: [usize; 3] = [1, 3, 5];
+
+/// The key that signs configurations, below the folder of the fleet. A fleet that was founded before
+/// there was one can be given it later.
+pub const CONFIG_SIGNING: &str = "hub/config-signing.nk";
 
 /// A file of a new fleet.
 #[derive(Clone, PartialEq, Eq)]
@@ -58,6 +63,12 @@ impl std::error::Error for FoundingError {}
 
 impl From<nkeys::error::Error> for FoundingError {
     fn from(error: nkeys::error::Error) -> FoundingError {
+        FoundingError::Key(error.to_string())
+    }
+}
+
+impl From<DesiredError> for FoundingError {
+    fn from(error: DesiredError) -> FoundingError {
         FoundingError::Key(error.to_string())
     }
 }
@@ -163,6 +174,7 @@ pub fn found(nodes: &[NodeAddress], now: u64) -> Result<Vec<FoundedFile>, Foundi
         .into_iter()
         .collect::<Result<Vec<_>, _>>()?;
 
+    let config_signing = ConfigSigner::generate();
     let authority = Authority::new(now)?;
     let Pair {
         certificate: ca,
@@ -177,6 +189,7 @@ pub fn found(nodes: &[NodeAddress], now: u64) -> Result<Vec<FoundedFile>, Foundi
         secret("offline/operator-signing.nk", line(&operator_signing)?),
         secret("hub/site-signing.nk", line(&site_signing)?),
         secret("hub/join-signing.nk", line(&join_signing)?),
+        secret(CONFIG_SIGNING, format!("{}\n", config_signing.seed()?)),
         secret("hub/hub.creds", hub.user("hub", grants::hub(), now)?),
         secret(
             "hub/system.creds",
@@ -241,7 +254,7 @@ mod tests {
     fn every_secret_is_marked_as_one_and_in_one_place() {
         let files = found(&nodes(&["a", "b", "c"]), 1_700_000_000).unwrap();
         let is_secret = |text: &str| {
-            let seeds = ["SO", "SA", "SU"];
+            let seeds = ["SO", "SA", "SU", "SV"];
             let has_seed = text
                 .lines()
                 .any(|line| line.len() == 58 && seeds.iter().any(|seed| line.starts_with(seed)));
@@ -254,12 +267,12 @@ mod tests {
         let mut texts: Vec<_> = files.iter().filter(|file| file.is_secret).collect();
         texts.sort_by_key(|file| file.text.clone());
         texts.dedup_by_key(|file| file.text.clone());
-        assert_eq!(texts.len(), 13);
+        assert_eq!(texts.len(), 14);
         let secrets = |folder: &str| {
             let its = texts.iter().filter(|file| file.path.starts_with(folder));
             its.count()
         };
-        assert_eq!(["offline/", "hub/", "server"].map(secrets), [6, 4, 3]);
+        assert_eq!(["offline/", "hub/", "server"].map(secrets), [6, 5, 3]);
     }
 
     #[test]

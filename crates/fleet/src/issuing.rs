@@ -35,6 +35,9 @@ pub struct Signers {
     pub sites: SiteSigner,
     /// Invitations; none in a fleet that was founded without.
     pub invitations: Option<SiteSigner>,
+    /// The public key that signs configurations, which an invited site is told; empty if the fleet
+    /// has none.
+    pub config_key: String,
 }
 
 /// How a key is requested.
@@ -89,7 +92,11 @@ pub fn no_signing_key() -> FleetRefusal {
 #[must_use]
 pub fn refused(refusal: FleetRefusal) -> Vec<u8> {
     let end = Some(KeyResult::Refusal(refusal));
-    KeyAnswer { end }.encode_to_vec()
+    KeyAnswer {
+        end,
+        config_key: String::new(),
+    }
+    .encode_to_vec()
 }
 
 /// Where the keys of a site are noted.
@@ -205,7 +212,11 @@ impl VerifiedRequest {
             .token(&self.site, &self.key, issued, SITE_VALID_S);
         let token = token.map_err(|error: CredsError| refusal(code, &error.to_string()))?;
         let end = Some(KeyResult::Token(token));
-        Ok((known.encode_to_vec(), KeyAnswer { end }.encode_to_vec()))
+        let answer = KeyAnswer {
+            end,
+            config_key: signers.config_key.clone(),
+        };
+        Ok((known.encode_to_vec(), answer.encode_to_vec()))
     }
 }
 

@@ -1,8 +1,10 @@
 //! What a site and its centre say to each other, as `proto/railbus.proto` has it.
 
 mod command;
+mod config;
 
 pub use command::*;
+pub use config::*;
 use railbus_store::outbox::{DroppedEntries, EntryKind, OutboxEntry};
 
 /// Who asks for the session of a site.
@@ -84,6 +86,9 @@ pub struct KeyAnswer {
     /// Claims, or none.
     #[prost(oneof = "KeyResult", tags = "1, 2")]
     pub end: Option<KeyResult>,
+    /// The public key of the centre that signs configurations; empty if it has none.
+    #[prost(string, tag = "3")]
+    pub config_key: String,
 }
 
 /// Claims of a site, or none.
@@ -156,6 +161,9 @@ pub struct Beat {
     /// As in [`Hello`]: the key may have been renewed since.
     #[prost(int64, optional, tag = "9")]
     pub key_expires_s: Option<i64>,
+    /// How far its configuration is; none where it takes none from the centre.
+    #[prost(message, optional, tag = "10")]
+    pub config: Option<ConfigReport>,
 }
 
 /// Entries with consecutive numbers, the oldest first.
@@ -255,6 +263,10 @@ pub struct ConfigDocument {
     /// When, in milliseconds since 1970.
     #[prost(int64, tag = "5")]
     pub at_ms: i64,
+    /// The hash of what the site said when it was wanted: it may replace that although the centre
+    /// did not make it. Empty if it may not.
+    #[prost(bytes = "vec", tag = "6")]
+    pub replaces: Vec<u8>,
 }
 
 /// The same with its signature.

@@ -7,7 +7,10 @@
 
 mod record;
 
-pub use record::{ManagedRecord, Recovery, TrialEnd, TrialEndKind, TrialRecord, recover};
+use crate::message::{ConfigPhaseKind, ConfigReport};
+pub use record::{
+    ManagedRecord, Recovery, TrialEnd, TrialEndKind, TrialRecord, part_hash, recover,
+};
 use std::collections::{BTreeSet, VecDeque};
 use std::time::Duration;
 
@@ -21,8 +24,29 @@ const AGAIN: Duration = Duration::from_secs(5);
 pub struct WantedConfig {
     /// Its version: a later one is higher.
     pub version: u64,
-    /// The whole text of the file.
+    /// The text of the file, without what only the site itself says.
     pub text: String,
+    /// The hash of a text of the site that it may replace although the centre did not make it;
+    /// empty if it may replace none.
+    pub replaces: Vec<u8>,
+}
+
+/// A text of the file.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct ConfigText {
+    /// All of it.
+    pub text: String,
+    /// [`part_hash`] of the part that the centre may say.
+    pub hash: Vec<u8>,
+}
+
+/// Why something is refused.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct TrialRefusal {
+    /// In English.
+    pub reason: String,
+    /// The problem as the API has it, in JSON; empty if there is none.
+    pub problem: Vec<u8>,
 }
 
 /// How the site works.
@@ -49,8 +73,8 @@ pub enum TrialInput {
     Wanted(WantedConfig),
     /// How the site works; said at least every second.
     Health(TrialHealth),
-    /// The text of the file, if it was changed here.
-    File(String),
+    /// The file, if it was changed here.
+    File(ConfigText),
     /// The result of the last output.
     Done(TrialDone),
 }
@@ -60,20 +84,23 @@ pub enum TrialInput {
 pub enum TrialDone {
     /// Done.
     Ok,
+    /// It was checked: this is how the file would be.
+    Checked(ConfigText),
     /// The configuration is not accepted, for this reason, with line and column if it has them. The
     /// file is as before.
-    Refused(String),
+    Refused(TrialRefusal),
     /// The disk refuses, for this reason. The file is as before.
     Failed(String),
-    /// The file has another text than the one that was to be replaced, and is left as it is.
-    Changed(String),
+    /// The file is another one than the one that was to be replaced, and is left as it is.
+    Changed(ConfigText),
 }
 
 /// What is to be done, one at a time; each has a result.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum TrialOutput {
-    /// Check this text, as it would stand in the file, against the one that is there.
-    Check(String),
+    /// Put the second text in the place of that part of the first one, which is the file, that the
+    /// centre may say, and check the result.
+    Check(String, String),
     /// Store this durably.
     StoreTrial(TrialRecord),
     /// Replace the first text by the second in the file, durably, and apply it.
@@ -108,8 +135,9 @@ enum TrialStep {
     Checking(WantedConfig),
     /// The disk refuses it, for this reason; until when.
     Waiting(WantedConfig, String, Duration),
-    StoringTrial(TrialRecord),
-    Applying(TrialRecord, TrialHealth),
+    StoringTrial(TrialRecord, WantedConfig),
+    /// How it works before.
+    Applying(TrialRecord, WantedConfig, TrialHealth),
     /// Until when, and how it worked before.
     Trying(TrialRecord, Duration, TrialHealth),
     /// The text before is written; or when that is tried again.
@@ -124,8 +152,7 @@ enum TrialStep {
 #[derive(Debug)]
 pub struct ConfigTrial {
     managed: ManagedRecord,
-    /// The text of the file.
-    file: String,
+    file: ConfigText,
     /// How the site works, and when that was said.
     health: TrialHealth,
     health_at: Duration,
@@ -139,26 +166,82 @@ pub struct ConfigTrial {
 }
 
 impl ConfigTrial {
-    /// After [`recover`]: what is recorded, and the text of the file.
+    /// What is recorded, the file, and a trial that is not over: what drove it has ended, or the
+    /// disk refused at the start of the site. It is taken back.
     #[must_use]
-    pub const fn new(managed: ManagedRecord, file: String) -> ConfigTrial {
+    pub fn new(
+        managed: ManagedRecord,
+        file: ConfigText,
+        trial: Option<TrialRecord>,
+    ) -> ConfigTrial {
+        let at_once = Some(Duration::ZERO);
+        let recovery = recover(&file.text, trial.as_ref(), &managed);
+        let step = match (recovery, trial) {
+            (
+                Some(Recovery {
+                    file: Some(_),
+                    managed,
+                }),
+                Some(trial),
+            ) => {
+                let verdict = managed.verdict.unwrap_or_default();
+                TrialStep::Restoring(trial, verdict, at_once)
+            }
+            (Some(_), _) => TrialStep::Removing(at_once),
+            (None, _) => TrialStep::Idle,
+        };
         ConfigTrial {
             managed,
             file,
-            health: TrialHealth {
-                lines: BTreeSet::new(),
-                lines_up: BTreeSet::new(),
-                modules: BTreeSet::new(),
-                modules_online: BTreeSet::new(),
-                has_session: false,
-                panics: 0,
-            },
+            health: TrialHealth::default(),
             health_at: Duration::ZERO,
-            step: TrialStep::Idle,
+            step,
             next: None,
             failed: None,
             outputs: VecDeque::new(),
-            due: None,
+            due: at_once,
+        }
+    }
+
+    /// The same as the centre is told it.
+    #[must_use]
+    pub fn report(&self) -> ConfigReport {
+        let (phase, version, why) = match self.phase() {
+            ConfigPhase::Unmanaged => (ConfigPhaseKind::Unmanaged, 0, None),
+            ConfigPhase::Current(version) => (ConfigPhaseKind::Current, version, None),
+            ConfigPhase::Pending(version, reason) => {
+                let reason = TrialRefusal {
+                    reason,
+                    ..TrialRefusal::default()
+                };
+                (ConfigPhaseKind::Pending, version, Some(reason))
+            }
+            ConfigPhase::Trying(version) => (ConfigPhaseKind::Trying, version, None),
+            ConfigPhase::LocalChange(version) => (ConfigPhaseKind::LocalChange, version, None),
+            ConfigPhase::Ended(end) => {
+                let kind = match end.kind() {
+                    TrialEndKind::Refused => ConfigPhaseKind::Refused,
+                    TrialEndKind::RolledBack => ConfigPhaseKind::RolledBack,
+                    TrialEndKind::Unspecified => ConfigPhaseKind::Unspecified,
+                };
+                let TrialEnd {
+                    version,
+                    reason,
+                    problem,
+                    ..
+                } = end;
+                (kind, version, Some(TrialRefusal { reason, problem }))
+            }
+        };
+        let TrialRefusal { reason, problem } = why.unwrap_or_default();
+        ConfigReport {
+            phase: phase.into(),
+            version,
+            kept: self.managed.kept,
+            hash: self.file.hash.clone(),
+            is_local: !self.managed.is_kept(&self.file),
+            reason,
+            problem,
         }
     }
 
@@ -168,8 +251,8 @@ impl ConfigTrial {
         match &self.step {
             TrialStep::Checking(wanted) => ConfigPhase::Pending(wanted.version, String::new()),
             TrialStep::Waiting(wanted, why, _) => ConfigPhase::Pending(wanted.version, why.clone()),
-            TrialStep::StoringTrial(record)
-            | TrialStep::Applying(record, _)
+            TrialStep::StoringTrial(record, _)
+            | TrialStep::Applying(record, ..)
             | TrialStep::Trying(record, ..)
             | TrialStep::Restoring(record, ..) => ConfigPhase::Trying(record.version),
             TrialStep::Idle | TrialStep::Recording(..) | TrialStep::Removing(_) => {
@@ -181,10 +264,19 @@ impl ConfigTrial {
         }
     }
 
-    /// The text of the file, as far as it is known here.
+    /// The file, as far as it is known here.
     #[must_use]
-    pub fn file(&self) -> &str {
+    pub const fn file(&self) -> &ConfigText {
         &self.file
+    }
+
+    /// Whether something is going on that depends on how the site works.
+    #[must_use]
+    pub const fn is_trying(&self) -> bool {
+        matches!(
+            self.step,
+            TrialStep::StoringTrial(..) | TrialStep::Applying(..) | TrialStep::Trying(..)
+        )
     }
 
     /// Something happened, at this time since the start.
@@ -225,8 +317,8 @@ impl ConfigTrial {
                 self.failed.as_ref().map_or(0, |(wanted, _)| wanted.version)
             }
             TrialStep::Checking(wanted) | TrialStep::Waiting(wanted, ..) => wanted.version,
-            TrialStep::StoringTrial(record)
-            | TrialStep::Applying(record, _)
+            TrialStep::StoringTrial(record, _)
+            | TrialStep::Applying(record, ..)
             | TrialStep::Trying(record, ..)
             | TrialStep::Restoring(record, ..) => record.version,
         }
@@ -282,15 +374,20 @@ impl ConfigTrial {
     }
 
     fn check(&mut self, wanted: WantedConfig) {
-        self.outputs
-            .push_back(TrialOutput::Check(wanted.text.clone()));
+        if !self.managed.may_be_replaced(&self.file, &wanted.replaces) {
+            let reason = "the configuration was changed at the site".to_owned();
+            let problem = Vec::new();
+            return self.refuse(wanted.version, TrialRefusal { reason, problem });
+        }
+        let (file, text) = (self.file.text.clone(), wanted.text.clone());
+        self.outputs.push_back(TrialOutput::Check(file, text));
         self.step = TrialStep::Checking(wanted);
     }
 
     /// The time of a trial is over, or something panicked.
     fn judge(&mut self, record: TrialRecord, before: &TrialHealth) {
         match fault(before, &self.health) {
-            None => self.record(self.managed.kept(record.version, &record.after)),
+            None => self.record(ManagedRecord::kept(record.version, record.after_hash)),
             Some(why) => self.take_back(record, why),
         }
     }
@@ -300,6 +397,7 @@ impl ConfigTrial {
             version: record.version,
             kind: TrialEndKind::RolledBack.into(),
             reason: why,
+            problem: Vec::new(),
         };
         let (from, to) = (record.after.clone(), record.before.clone());
         self.outputs.push_back(TrialOutput::Apply(from, to));
@@ -312,12 +410,13 @@ impl ConfigTrial {
         self.step = TrialStep::Recording(record, None);
     }
 
-    fn refuse(&mut self, version: u64, reason: String) {
-        let kind = TrialEndKind::Refused.into();
+    fn refuse(&mut self, version: u64, why: TrialRefusal) {
+        let TrialRefusal { reason, problem } = why;
         let verdict = TrialEnd {
             version,
-            kind,
+            kind: TrialEndKind::Refused.into(),
             reason,
+            problem,
         };
         self.record(self.managed.with(verdict));
     }
@@ -325,63 +424,66 @@ impl ConfigTrial {
     fn done(&mut self, now: Duration, done: TrialDone) {
         let step = std::mem::replace(&mut self.step, TrialStep::Idle);
         match (step, done) {
-            (TrialStep::Checking(wanted), TrialDone::Ok) => {
+            (TrialStep::Checking(wanted), TrialDone::Checked(after)) => {
                 // It is so already: there is nothing to try.
-                if wanted.text == self.file {
-                    return self.record(self.managed.kept(wanted.version, &wanted.text));
+                if after.text == self.file.text {
+                    return self.record(ManagedRecord::kept(wanted.version, after.hash));
                 }
                 let record = TrialRecord {
                     version: wanted.version,
-                    before: self.file.clone(),
-                    after: wanted.text,
+                    before: self.file.text.clone(),
+                    after: after.text,
+                    before_hash: self.file.hash.clone(),
+                    after_hash: after.hash,
                 };
                 self.outputs
                     .push_back(TrialOutput::StoreTrial(record.clone()));
-                self.step = TrialStep::StoringTrial(record);
+                self.step = TrialStep::StoringTrial(record, wanted);
             }
             (TrialStep::Checking(wanted), TrialDone::Refused(why)) => {
                 self.refuse(wanted.version, why);
             }
-            (TrialStep::Checking(wanted), TrialDone::Changed(text)) => {
-                self.file = text;
+            (TrialStep::Checking(wanted), TrialDone::Changed(file)) => {
+                self.file = file;
                 self.check(wanted);
             }
             (TrialStep::Checking(wanted), TrialDone::Failed(why)) => {
                 self.step = TrialStep::Waiting(wanted, why, now + AGAIN);
             }
-            (TrialStep::StoringTrial(record), TrialDone::Ok) => {
+            (TrialStep::StoringTrial(record, wanted), TrialDone::Ok) => {
                 let (from, to) = (record.before.clone(), record.after.clone());
                 self.outputs.push_back(TrialOutput::Apply(from, to));
-                self.step = TrialStep::Applying(record, self.health.clone());
+                self.step = TrialStep::Applying(record, wanted, self.health.clone());
             }
-            (TrialStep::StoringTrial(record), TrialDone::Failed(why)) => {
-                let TrialRecord { version, after, .. } = record;
-                let wanted = WantedConfig {
-                    version,
-                    text: after,
-                };
+            (TrialStep::StoringTrial(_, wanted), TrialDone::Failed(why)) => {
                 self.step = TrialStep::Waiting(wanted, why, now + AGAIN);
             }
-            (TrialStep::Applying(record, before), TrialDone::Ok) => {
-                self.file.clone_from(&record.after);
+            (TrialStep::Applying(record, _, before), TrialDone::Ok) => {
+                self.file = ConfigText {
+                    text: record.after.clone(),
+                    hash: record.after_hash.clone(),
+                };
                 self.step = TrialStep::Trying(record, now + TRIAL, before);
             }
-            (TrialStep::Applying(record, _), TrialDone::Refused(why)) => {
-                self.refuse(record.version, why);
+            (TrialStep::Applying(_, wanted, _), TrialDone::Refused(why)) => {
+                self.refuse(wanted.version, why);
             }
             // Somebody changed it here meanwhile: it is checked against that.
-            (TrialStep::Applying(record, _), TrialDone::Changed(text)) => {
-                self.file = text;
-                self.again(record, String::new());
+            (TrialStep::Applying(_, wanted, _), TrialDone::Changed(file)) => {
+                self.file = file;
+                self.again(wanted, String::new());
             }
-            (TrialStep::Applying(record, _), TrialDone::Failed(why)) => self.again(record, why),
+            (TrialStep::Applying(_, wanted, _), TrialDone::Failed(why)) => self.again(wanted, why),
             (TrialStep::Restoring(record, verdict, None), TrialDone::Ok) => {
-                self.file = record.before;
+                self.file = ConfigText {
+                    text: record.before,
+                    hash: record.before_hash,
+                };
                 self.record(self.managed.with(verdict));
             }
             // Somebody changed it here: that is what counts.
-            (TrialStep::Restoring(_, verdict, None), TrialDone::Changed(text)) => {
-                self.file = text;
+            (TrialStep::Restoring(_, verdict, None), TrialDone::Changed(file)) => {
+                self.file = file;
                 self.record(self.managed.with(verdict));
             }
             (
@@ -410,12 +512,7 @@ impl ConfigTrial {
     }
 
     /// It was not written: it waits, without the record of its trial.
-    fn again(&mut self, record: TrialRecord, why: String) {
-        let TrialRecord { version, after, .. } = record;
-        let wanted = WantedConfig {
-            version,
-            text: after,
-        };
+    fn again(&mut self, wanted: WantedConfig, why: String) {
         self.failed = Some((wanted, why));
         self.outputs.push_back(TrialOutput::RemoveTrial);
         self.step = TrialStep::Removing(None);

@@ -8,7 +8,7 @@ mod renewal;
 mod transfer;
 
 use crate::creds::SiteClaims;
-use crate::message::{Beat, DataEntry, Hello, HelloAnswer, SiteState, Welcome};
+use crate::message::{Beat, ConfigReport, DataEntry, Hello, HelloAnswer, SiteState, Welcome};
 use prost::Message as _;
 use railbus_store::outbox::{OutboxEntry, Piece};
 use renewal::Renewal;
@@ -172,6 +172,8 @@ pub struct Uplink {
     message_max: usize,
     /// The wall clock, in milliseconds since 1970.
     clock_ms: i64,
+    /// How far its configuration is, if it takes one from the centre.
+    config: Option<ConfigReport>,
 }
 
 impl Uplink {
@@ -197,7 +199,23 @@ impl Uplink {
             is_stuck: false,
             message_max: MESSAGE_MAX,
             clock_ms: 0,
+            config: None,
         }
+    }
+
+    /// Sets how far the configuration is; none where the site takes none from the centre. The
+    /// centre hears of it at once.
+    pub fn set_config(&mut self, config: Option<ConfigReport>) {
+        if self.config != config {
+            self.config = config;
+            self.beat_at = self.beat_at.map(|_| Duration::ZERO);
+        }
+    }
+
+    /// Whether it has a session with the centre.
+    #[must_use]
+    pub const fn has_session(&self) -> bool {
+        matches!(self.session, Session::Has(_))
     }
 
     /// Sets what the credentials say, and the signed claims in them.
@@ -431,6 +449,7 @@ impl Uplink {
             clock_ms: self.clock_ms,
             waits_ms: waits.map_or(0, |since| millis(now.saturating_sub(since))),
             key_expires_s: self.key_expires_s,
+            config: self.config.clone(),
         };
         self.publish("beat", None, beat.encode_to_vec(), None);
     }

@@ -1,6 +1,7 @@
 //! What the centre tells of a site.
 
 use super::KnownPoint;
+use crate::message::{ConfigPhaseKind, ConfigReport};
 use crate::{CLOCKS_DIFFER_MS, COPY_GONE, KEY_ENDS_SOON_S};
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -32,6 +33,8 @@ pub enum SiteAttention {
     Clock,
     /// Its key expires soon, and should have been renewed.
     Key,
+    /// It did not keep the configuration that it was given last, or was changed since.
+    Config,
 }
 
 /// What the centre knows of a site.
@@ -59,6 +62,9 @@ pub struct SiteView<'c> {
     pub time: Option<(&'c [u8], u64)>,
     /// Its version of railbus.
     pub version: &'c str,
+    /// How far its configuration was at its last heartbeat; none where it takes none from the
+    /// centre, and where the centre was connected anew since.
+    pub config: Option<&'c ConfigReport>,
     /// Until when its key is valid, in seconds since 1970; none where it does not expire.
     pub key_expires_s: Option<i64>,
     /// How long ago another machine with the site's key was refused the session.
@@ -99,6 +105,10 @@ impl SiteView<'_> {
                 ends.is_some_and(|left| left < KEY_ENDS_SOON_S.cast_signed()),
                 SiteAttention::Key,
             ),
+            (
+                self.config.is_some_and(is_not_as_wanted),
+                SiteAttention::Config,
+            ),
         ];
         let is_so = |(is_so, why): (bool, SiteAttention)| is_so.then_some(why);
         all.into_iter().filter_map(is_so)
@@ -121,6 +131,19 @@ impl SiteView<'_> {
     }
 }
 
+fn is_not_as_wanted(config: &ConfigReport) -> bool {
+    match config.phase() {
+        ConfigPhaseKind::Refused | ConfigPhaseKind::RolledBack | ConfigPhaseKind::LocalChange => {
+            true
+        }
+        ConfigPhaseKind::Unspecified
+        | ConfigPhaseKind::Unmanaged
+        | ConfigPhaseKind::Current
+        | ConfigPhaseKind::Pending
+        | ConfigPhaseKind::Trying => false,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -140,6 +163,7 @@ mod tests {
             session: "",
             time: None,
             version: "1.2.0-RC1",
+            config: None,
             key_expires_s: Some(NOW_S + 21 * DAY_S),
             duplicate: Some(COPY_GONE),
             groups: &[],
@@ -150,7 +174,7 @@ mod tests {
 
     #[test]
     fn what_is_wrong_with_a_site_is_named() {
-        use SiteAttention::{Clock, Duplicate, Key, NotCurrent, Offline};
+        use SiteAttention::{Clock, Config, Duplicate, Key, NotCurrent, Offline};
         let points = BTreeMap::new();
         let why = |view: SiteView<'_>| view.attention(NOW_S).collect::<Vec<_>>();
         let well = well(&points);
@@ -191,6 +215,28 @@ mod tests {
             ..well.clone()
         };
         assert_eq!(why(bad), [NotCurrent, Duplicate, Clock, Key]);
+        let report = |phase: ConfigPhaseKind| ConfigReport {
+            phase: phase.into(),
+            ..ConfigReport::default()
+        };
+        let phases = (0..=7).map(|phase| ConfigPhaseKind::try_from(phase).unwrap());
+        let told = phases.filter(|phase| {
+            let config = report(*phase);
+            let with = SiteView {
+                config: Some(&config),
+                ..well.clone()
+            };
+            let why = why(with);
+            assert!(why.is_empty() || why == [Config]);
+            !why.is_empty()
+        });
+        let told: Vec<_> = told.collect();
+        let bad = [
+            ConfigPhaseKind::Refused,
+            ConfigPhaseKind::RolledBack,
+            ConfigPhaseKind::LocalChange,
+        ];
+        assert_eq!(told, bad);
         let expired = Some(NOW_S - DAY_S);
         assert_eq!(
             why(SiteView {

@@ -40,6 +40,7 @@ impl Hub {
             signers: Signers {
                 sites: signer().unwrap(),
                 invitations: Some(signer().unwrap()),
+                config_key: "VKEY".to_owned(),
             },
             document: None,
         }
@@ -63,6 +64,7 @@ impl Hub {
         let (document, answer) = granted.map_err(|refusal| refusal.reason)?;
         self.document = Some(document);
         let answer = KeyAnswer::decode(&*answer).unwrap();
+        assert_eq!(answer.config_key, "VKEY");
         let Some(KeyResult::Token(token)) = answer.end else {
             panic!("{answer:?}");
         };

@@ -1,6 +1,6 @@
 //! What is on the disk about a configuration from the centre, and what a start makes of it.
 
-use super::ConfigPhase;
+use super::{ConfigPhase, ConfigText};
 use sha2::{Digest as _, Sha256};
 
 /// A trial that is not over. It is on the disk before the file is changed.
@@ -15,6 +15,12 @@ pub struct TrialRecord {
     /// Its text now, or soon.
     #[prost(string, tag = "3")]
     pub after: String,
+    /// [`part_hash`] of what the centre may say in the text before.
+    #[prost(bytes = "vec", tag = "4")]
+    pub before_hash: Vec<u8>,
+    /// The same of the text now.
+    #[prost(bytes = "vec", tag = "5")]
+    pub after_hash: Vec<u8>,
 }
 
 /// What became of the configurations that the centre wanted so far.
@@ -23,7 +29,7 @@ pub struct ManagedRecord {
     /// The version that was kept last; 0 if none was.
     #[prost(uint64, tag = "1")]
     pub kept: u64,
-    /// The SHA-256 of its text.
+    /// [`part_hash`] of what it says.
     #[prost(bytes = "vec", tag = "2")]
     pub hash: Vec<u8>,
     /// What became of a later one, if it was not kept.
@@ -43,6 +49,9 @@ pub struct TrialEnd {
     /// Why, in English.
     #[prost(string, tag = "3")]
     pub reason: String,
+    /// The problem as the API has it, in JSON; empty if there is none.
+    #[prost(bytes = "vec", tag = "4")]
+    pub problem: Vec<u8>,
 }
 
 /// How a version ended that was not kept.
@@ -65,12 +74,23 @@ impl ManagedRecord {
     }
 
     /// The same, and this version is kept.
-    pub(super) fn kept(&self, version: u64, text: &str) -> ManagedRecord {
+    pub(super) const fn kept(version: u64, hash: Vec<u8>) -> ManagedRecord {
         ManagedRecord {
             kept: version,
-            hash: hash(text),
+            hash,
             verdict: None,
         }
+    }
+
+    /// Whether the file says what was kept last.
+    pub(super) fn is_kept(&self, file: &ConfigText) -> bool {
+        self.kept > 0 && self.hash == file.hash
+    }
+
+    /// Whether a text of the centre may take the place of the file: that is the centre's, or says
+    /// nothing, or is the one that was looked at there, of this hash.
+    pub(super) fn may_be_replaced(&self, file: &ConfigText, seen: &[u8]) -> bool {
+        self.is_kept(file) || file.hash == part_hash("") || file.hash == seen
     }
 
     /// The same, and this one was not.
@@ -82,18 +102,20 @@ impl ManagedRecord {
     }
 
     /// How far it is, where the file has this text.
-    pub(super) fn phase(&self, file: &str) -> ConfigPhase {
+    pub(super) fn phase(&self, file: &ConfigText) -> ConfigPhase {
         match &self.verdict {
             Some(verdict) => ConfigPhase::Ended(verdict.clone()),
             None if self.kept == 0 => ConfigPhase::Unmanaged,
-            None if self.hash == hash(file) => ConfigPhase::Current(self.kept),
+            None if self.is_kept(file) => ConfigPhase::Current(self.kept),
             None => ConfigPhase::LocalChange(self.kept),
         }
     }
 }
 
-fn hash(text: &str) -> Vec<u8> {
-    Sha256::digest(text.as_bytes()).to_vec()
+/// The hash of a part of the file.
+#[must_use]
+pub fn part_hash(part: &str) -> Vec<u8> {
+    Sha256::digest(part.as_bytes()).to_vec()
 }
 
 /// What is to be done at the start, in this order, before the file is used: its text is replaced,
@@ -132,6 +154,7 @@ pub fn recover(
         version: trial.version,
         kind: TrialEndKind::RolledBack.into(),
         reason: "the site was restarted while it was tried".to_owned(),
+        problem: Vec::new(),
     };
     Some(Recovery {
         file: Some(trial.before.clone()),

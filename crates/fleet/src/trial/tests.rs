@@ -24,7 +24,27 @@ fn wanted(version: u64, text: &str) -> WantedConfig {
     WantedConfig {
         version,
         text: text.to_owned(),
+        replaces: part_hash("old"),
     }
+}
+
+/// A file of which the centre may say all.
+fn file(text: &str) -> ConfigText {
+    ConfigText {
+        text: text.to_owned(),
+        hash: part_hash(text),
+    }
+}
+
+fn check(text: &str) -> TrialOutput {
+    TrialOutput::Check("old".to_owned(), text.to_owned())
+}
+
+fn refusal(why: &str) -> TrialDone {
+    TrialDone::Refused(TrialRefusal {
+        reason: why.to_owned(),
+        problem: b"{}".to_vec(),
+    })
 }
 
 /// A site whose file says "old".
@@ -33,7 +53,7 @@ struct Site(ConfigTrial, Duration);
 impl Site {
     fn new() -> Site {
         let mut site = Site(
-            ConfigTrial::new(ManagedRecord::default(), "old".to_owned()),
+            ConfigTrial::new(ManagedRecord::default(), file("old"), None),
             S(100),
         );
         site.says(well());
@@ -64,10 +84,7 @@ impl Site {
     /// It is checked, recorded, and applied.
     fn tries(&mut self, version: u64, text: &str) {
         self.wants(version, text);
-        assert_eq!(
-            self.does(TrialDone::Ok),
-            TrialOutput::Check(text.to_owned())
-        );
+        self.checks(text);
         assert!(matches!(
             self.does(TrialDone::Ok),
             TrialOutput::StoreTrial(_)
@@ -79,6 +96,15 @@ impl Site {
         );
         assert_eq!(self.next(), None);
         assert_eq!(self.0.phase(), ConfigPhase::Trying(version));
+    }
+
+    /// This text is checked, and would stand in the file as it is.
+    fn checks(&mut self, text: &str) {
+        let output = self.does(TrialDone::Checked(file(text)));
+        let TrialOutput::Check(_, checked) = output else {
+            panic!("{output:?}");
+        };
+        assert_eq!(checked, text);
     }
 
     /// After the time of a trial the site works so.
@@ -105,7 +131,7 @@ impl Site {
         let verdict = self.ends().verdict.expect("there is one");
         assert_eq!(verdict.kind(), TrialEndKind::RolledBack);
         assert_eq!(self.0.phase(), ConfigPhase::Ended(verdict.clone()));
-        assert_eq!(self.0.file(), "old");
+        assert_eq!(self.0.file().text, "old");
         verdict.reason
     }
 }
@@ -130,9 +156,14 @@ fn one_with_which_the_site_works_is_kept() {
     site.wants(3, "new");
     site.wants(2, "older");
     assert_eq!(site.next(), None);
-    site.0
-        .handle(site.1, TrialInput::File("by hand".to_owned()));
+    assert!(!site.0.report().is_local);
+    site.0.handle(site.1, TrialInput::File(file("by hand")));
     assert_eq!(site.0.phase(), ConfigPhase::LocalChange(3));
+    let report = site.0.report();
+    assert_eq!(report.phase(), ConfigPhaseKind::LocalChange);
+    assert_eq!((report.version, report.kept), (3, 3));
+    assert_eq!(report.hash, part_hash("by hand"));
+    assert!(report.is_local);
 }
 
 #[test]
@@ -161,7 +192,7 @@ fn one_with_which_something_is_missing_is_taken_back() {
     site.wants(3, "new");
     assert_eq!(site.next(), None);
     site.wants(4, "new");
-    assert_eq!(site.next(), Some(TrialOutput::Check("new".to_owned())));
+    assert_eq!(site.next(), Some(check("new")));
 }
 
 #[test]
@@ -182,21 +213,28 @@ fn what_did_not_work_before_or_is_not_wanted_any_more_is_not_missing() {
 fn one_that_is_refused_changes_nothing() {
     let mut site = Site::new();
     site.wants(3, "bad");
-    let why = "line 2, column 5: what is this".to_owned();
-    site.does(TrialDone::Refused(why.clone()));
+    let why = "line 2, column 5: what is this";
+    site.does(refusal(why));
     let verdict = site.ends().verdict.expect("there is one");
     assert_eq!(
-        (verdict.kind(), &verdict.reason),
-        (TrialEndKind::Refused, &why)
+        (verdict.kind(), verdict.reason.as_str()),
+        (TrialEndKind::Refused, why)
     );
-    assert_eq!(site.0.file(), "old");
+    let report = site.0.report();
+    assert_eq!(report.phase(), ConfigPhaseKind::Refused);
+    assert_eq!((report.version, report.kept), (3, 0));
+    assert_eq!(
+        (report.reason.as_str(), &*report.problem),
+        (why, &b"{}"[..])
+    );
+    assert_eq!(site.0.file().text, "old");
     // Also where that is known only once it is applied.
     site.wants(4, "new");
+    site.checks("new");
     site.does(TrialDone::Ok);
-    site.does(TrialDone::Ok);
-    site.does(TrialDone::Refused(why));
+    site.does(refusal(why));
     assert_eq!(site.ends().verdict.expect("there is one").version, 4);
-    assert_eq!(site.0.file(), "old");
+    assert_eq!(site.0.file().text, "old");
 }
 
 #[test]
@@ -219,7 +257,8 @@ impl Site {
             TrialOutput::StoreManaged(_)
         ));
         assert_eq!(self.does(TrialDone::Ok), TrialOutput::RemoveTrial);
-        assert_eq!(self.next(), Some(TrialOutput::Check(text.to_owned())));
+        let next = TrialOutput::Check("new".to_owned(), text.to_owned());
+        assert_eq!(self.next(), Some(next));
     }
 }
 
@@ -228,7 +267,7 @@ fn a_disk_that_refuses_is_tried_again() {
     let full = || TrialDone::Failed("disk full".to_owned());
     let mut site = Site::new();
     site.wants(3, "new");
-    site.does(TrialDone::Ok);
+    site.checks("new");
     site.does(full());
     assert_eq!(site.next(), None);
     assert_eq!(
@@ -236,18 +275,18 @@ fn a_disk_that_refuses_is_tried_again() {
         ConfigPhase::Pending(3, "disk full".to_owned())
     );
     site.1 += AGAIN;
-    site.does(TrialDone::Ok);
+    site.checks("new");
     site.does(TrialDone::Ok);
     // The file itself: the record of the trial must not stay.
     site.does(full());
     assert_eq!(site.does(TrialDone::Ok), TrialOutput::RemoveTrial);
-    assert_eq!((site.next(), site.0.file()), (None, "old"));
+    assert_eq!((site.next(), site.0.file().text.as_str()), (None, "old"));
     assert_eq!(
         site.0.phase(),
         ConfigPhase::Pending(3, "disk full".to_owned())
     );
     site.1 += AGAIN;
-    site.does(TrialDone::Ok);
+    site.checks("new");
     site.does(TrialDone::Ok);
     site.does(TrialDone::Ok);
     // The text before must come back, however long that takes.
@@ -278,51 +317,119 @@ fn a_disk_that_refuses_is_tried_again() {
 
 #[test]
 fn what_is_changed_here_is_not_overwritten_unseen() {
-    let changed = || TrialDone::Changed("by hand".to_owned());
     let mut site = Site::new();
     site.wants(3, "new");
+    site.checks("new");
     site.does(TrialDone::Ok);
-    site.does(TrialDone::Ok);
-    site.does(changed());
+    site.does(TrialDone::Changed(file("by hand")));
     assert_eq!(site.does(TrialDone::Ok), TrialOutput::RemoveTrial);
     site.1 += AGAIN;
-    // Checked against what is there now.
-    assert_eq!(
-        site.does(TrialDone::Ok),
-        TrialOutput::Check("new".to_owned())
-    );
-    let stored = site.does(TrialDone::Ok);
-    let TrialOutput::StoreTrial(record) = stored else {
-        panic!("{stored:?}");
+    let verdict = site.ends().verdict.expect("it is another text");
+    assert_eq!(verdict.kind(), TrialEndKind::Refused);
+    assert_eq!(verdict.reason, "the configuration was changed at the site");
+    // Nor while it is checked.
+    let over = |version, text: &str, seen: &str| {
+        TrialInput::Wanted(WantedConfig {
+            replaces: part_hash(seen),
+            ..wanted(version, text)
+        })
     };
-    assert_eq!(record.before, "by hand");
+    site.0.handle(site.1, over(4, "new", "by hand"));
+    site.does(TrialDone::Changed(file("by two hands")));
+    let verdict = site.ends().verdict.expect("it is another text");
+    assert_eq!(
+        (verdict.version, site.0.file().text.as_str()),
+        (4, "by two hands")
+    );
+    // Whoever wants it has seen that.
+    site.0.handle(site.1, over(5, "new", "by two hands"));
+    site.checks("new");
+    site.does(TrialDone::Ok);
     site.does(TrialDone::Ok);
     site.after_trial(TrialHealth {
         has_session: false,
         ..well()
     });
     // A change during the trial stays.
-    site.does(TrialDone::Changed("by hand again".to_owned()));
+    site.does(TrialDone::Changed(file("by hand again")));
     site.ends();
-    assert_eq!(site.0.file(), "by hand again");
+    assert_eq!(site.0.file().text, "by hand again");
+}
+
+#[test]
+fn a_text_of_the_centre_and_an_empty_one_are_replaced_by_the_next() {
+    let unseen = |version, text: &str| {
+        TrialInput::Wanted(WantedConfig {
+            replaces: Vec::new(),
+            ..wanted(version, text)
+        })
+    };
+    let mut site = Site::new();
+    site.0.handle(site.1, unseen(1, "new"));
+    assert_eq!(site.ends().verdict.expect("it is not empty").version, 1);
+    // With what only the site says.
+    let own = ConfigText {
+        text: "own".to_owned(),
+        hash: part_hash(""),
+    };
+    site.0.handle(site.1, TrialInput::File(own));
+    site.0.handle(site.1, unseen(2, "new"));
+    site.checks("new");
+    site.does(TrialDone::Ok);
+    site.does(TrialDone::Ok);
+    site.after_trial(well());
+    assert_eq!(site.ends().kept, 2);
+    site.0.handle(site.1, unseen(3, "newer"));
+    site.checks("newer");
+}
+
+/// What drove it has ended, or the disk refused at the start of the site.
+#[test]
+fn a_trial_that_was_left_is_taken_back() {
+    let trial = left();
+    let begin = |text: &str| {
+        let managed = ManagedRecord::default();
+        Site(
+            ConfigTrial::new(managed, file(text), Some(trial.clone())),
+            S(100),
+        )
+    };
+    assert_eq!(
+        begin("new").takes_back(),
+        "the site was restarted while it was tried"
+    );
+    for other in ["old", "by hand"] {
+        let mut site = begin(other);
+        assert_eq!(site.does(TrialDone::Ok), TrialOutput::RemoveTrial);
+        assert_eq!(
+            (site.next(), site.0.phase()),
+            (None, ConfigPhase::Unmanaged)
+        );
+    }
+}
+
+fn left() -> TrialRecord {
+    TrialRecord {
+        version: 3,
+        before: "old".to_owned(),
+        after: "new".to_owned(),
+        before_hash: part_hash("old"),
+        after_hash: part_hash("new"),
+    }
 }
 
 #[test]
 fn one_that_is_there_already_needs_no_trial() {
     let mut site = Site::new();
     site.wants(3, "old");
-    site.does(TrialDone::Ok);
+    site.checks("old");
     assert_eq!(site.ends().kept, 3);
     assert_eq!(site.0.phase(), ConfigPhase::Current(3));
 }
 
 #[test]
 fn a_start_leaves_what_was_changed_here() {
-    let trial = TrialRecord {
-        version: 3,
-        before: "old".to_owned(),
-        after: "new".to_owned(),
-    };
+    let trial = left();
     let managed = ManagedRecord::default();
     let found = |file| recover(file, Some(&trial), &managed).expect("there was a trial");
     assert_eq!(found("by hand").file, None);

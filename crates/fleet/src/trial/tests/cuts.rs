@@ -93,11 +93,15 @@ impl World {
     fn runs(&mut self) -> Result<(), Cut> {
         self.recovers()?;
         assert!(self.proven.contains(&self.disk.file), "{}", self.disk.file);
-        let mut site = ConfigTrial::new(self.disk.managed.clone(), self.disk.file.clone());
+        let mut site = ConfigTrial::new(self.disk.managed.clone(), file(&self.disk.file), None);
         site.handle(self.now, TrialInput::Health(health(&self.disk.file)));
         for (version, text) in (1..).zip(self.versions.clone()) {
             if version == 5 || self.dice.roll(2) == 0 {
-                site.handle(self.now, TrialInput::Wanted(wanted(version, text)));
+                let wanted = WantedConfig {
+                    replaces: part_hash("first"),
+                    ..wanted(version, text)
+                };
+                site.handle(self.now, TrialInput::Wanted(wanted));
             }
         }
         let mut since = self.now;
@@ -117,7 +121,7 @@ impl World {
             }
             site.handle(self.now, TrialInput::Health(works));
         }
-        assert_eq!(site.file(), self.disk.file);
+        assert_eq!(site.file().text, self.disk.file);
         let phase = site.phase();
         let is_open = matches!(phase, ConfigPhase::Trying(_) | ConfigPhase::Pending(..));
         assert!(!is_open, "{phase:?}");
@@ -127,10 +131,11 @@ impl World {
     fn does(&mut self, output: TrialOutput, since: &mut Duration) -> Result<TrialDone, Cut> {
         let fails = self.dice.roll(20) == 0;
         match output {
-            TrialOutput::Check(text) if text == "bad" => {
-                return Ok(TrialDone::Refused("bad".to_owned()));
+            TrialOutput::Check(_, text) if text == "bad" => return Ok(refusal("bad")),
+            TrialOutput::Check(from, text) => {
+                assert_eq!(self.disk.file, from);
+                return Ok(TrialDone::Checked(file(&text)));
             }
-            TrialOutput::Check(_) => {}
             _ if fails => return Ok(TrialDone::Failed("disk full".to_owned())),
             TrialOutput::StoreTrial(record) => self.write(|disk| disk.trial = Some(record))?,
             TrialOutput::Apply(from, to) => {

@@ -75,14 +75,14 @@ fn it_asks_again_every_hour_until_it_has_other_claims() {
         reason: "not now".to_owned(),
     };
     let end = Some(KeyResult::Refusal(refusal));
-    site.answer(number, &KeyAnswer { end }.encode_to_vec());
+    site.answer(number, &answer(end));
     let told = UplinkOutput::NotRenewed("not now".to_owned());
     assert!(site.outputs().contains(&told));
     assert_eq!(again(&mut site, BEAT), None);
     let number = again(&mut site, AGAIN).unwrap();
     // An answer to another request is none.
     let end = Some(KeyResult::Token("new".to_owned()));
-    let answer = KeyAnswer { end }.encode_to_vec();
+    let answer = answer(end);
     site.answer(number + 1_000, &answer);
     let is_renewed = |site: &mut Site| {
         site.outputs()
@@ -117,4 +117,12 @@ fn without_a_session_it_does_not_ask() {
     assert_eq!(asked(&site.published()), None);
     site.now += AGAIN;
     assert_eq!(asked(&site.published()), None);
+}
+
+fn answer(end: Option<KeyResult>) -> Vec<u8> {
+    KeyAnswer {
+        end,
+        config_key: String::new(),
+    }
+    .encode_to_vec()
 }
