@@ -125,6 +125,9 @@ pub enum FleetAttention {
     Clock,
     /// Its key is valid for less than 21 days, and should have been renewed.
     Key,
+    /// It refused the configuration that it was given last, or took it back, or its file was changed
+    /// since.
+    Config,
 }
 
 /// A site of the fleet.

@@ -100,6 +100,7 @@ const fn attention(why: SiteAttention) -> FleetAttention {
         SiteAttention::Duplicate => FleetAttention::Duplicate,
         SiteAttention::Clock => FleetAttention::Clock,
         SiteAttention::Key => FleetAttention::Key,
+        SiteAttention::Config => FleetAttention::Config,
     }
 }
 
