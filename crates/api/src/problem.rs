@@ -288,6 +288,18 @@ pub mod codes {
         OTHER_FLEET = "E0940", 409;
         /// Also `outlet`.
         READS_ONLY = "E0941", 403;
+        /// Also `name`: the site.
+        NOT_MANAGED = "E0942", 409;
+        /// Also `name`: the site.
+        SITE_CONFIG_CHANGED = "E0943", 409;
+        /// Also `reason`.
+        CONFIG_TAKEN_BACK = "E0944", 409;
+        /// Also `reason`.
+        CONFIG_UNTRUSTED = "E0945", 403;
+        /// Also `path`.
+        NO_CONFIG_KEY = "E0946", 503;
+        /// Also `reason`: the tables.
+        SITE_OWN = "E0947", 403;
         /// Also `reason`.
         FLEET_NOT_STORED = "E0164", 503;
         /// Also `reason`.

@@ -272,6 +272,51 @@ codes! {
         next: ["at the site, name modules or outputs in it: write = [\"oven\"]",
             "在该站点的集成中填写模块或输出：write = [\"oven\"]"],
     }
+    NotManaged = "E0942" {
+        title: ["the site takes no configuration from its centre", "该站点不接受中心下发的配置"],
+        likely: ["its integration has no config_key · it runs an older version",
+            "其集成未设置 config_key · 该站点版本较旧"],
+        next: ["at the site, give its integration the key of the centre: config_key = \"KEY\"; \
+            railbus fleet config-key DIR shows it",
+            "在该站点的集成中填写中心的密钥：config_key = \"密钥\"；\
+            railbus fleet config-key 文件夹 可显示该密钥"],
+    }
+    SiteConfigChanged = "E0943" {
+        title: ["the site has a configuration that its centre did not make",
+            "该站点的配置不是由中心下发的"],
+        likely: ["it was changed at the site · it had one before the centre gave it any",
+            "配置已在站点本地更改 · 中心首次下发之前站点已有配置"],
+        next: ["look at it, railbus fleet config SITE --text, then replace it: --replace",
+            "先查看：railbus fleet config 站点 --text，确认后加 --replace 替换"],
+    }
+    ConfigTakenBack = "E0944" {
+        title: ["the site did not work as before, and went back to the configuration before",
+            "站点未能像之前一样工作，已恢复先前的配置"],
+        likely: ["a line, a module or the session with the centre was lost while it was tried · the \
+            site was restarted meanwhile",
+            "试用期间总线、模块或与中心的会话中断 · 站点在此期间重启"],
+        next: ["mend what the reason names, and send it again", "按原因处理后重新下发"],
+    }
+    ConfigUntrusted = "E0945" {
+        title: ["a configuration from the centre is not trusted", "中心下发的配置不受信任"],
+        likely: ["another key signed it than config_key names · it is of another site",
+            "签名密钥与 config_key 不符 · 该配置属于其他站点"],
+        next: ["compare config_key with railbus fleet config-key DIR at the centre",
+            "将 config_key 与中心的 railbus fleet config-key 文件夹 核对"],
+    }
+    NoConfigKey = "E0946" {
+        title: ["the centre has no key that signs configurations", "中心没有用于签署配置的密钥"],
+        likely: ["the fleet was founded by an older version · the key is kept elsewhere",
+            "站群由较旧版本建立 · 密钥存放在别处"],
+        next: ["railbus fleet config-key DIR", "railbus fleet config-key 文件夹"],
+    }
+    SiteOwn = "E0947" {
+        title: ["this part of a configuration is the site's own", "配置的这一部分只能由站点自己设置"],
+        likely: ["integrations, audit, and what the owner of a site allows are not for the centre to \
+            say",
+            "集成、审计以及站点所有者允许的内容不能由中心下发"],
+        next: ["leave it out, and change it at the site", "删去这一部分，并在站点本地更改"],
+    }
     Differs = "E1001" {
         title: ["differences were found", "发现差异"],
         likely: ["the modules' settings are not as configured", "模块设置与期望不同"],
