@@ -15,6 +15,7 @@ pub mod layers;
 mod lint;
 mod outlet;
 mod owner;
+pub mod part;
 mod past;
 mod plant;
 mod problem;
