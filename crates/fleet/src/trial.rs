@@ -105,6 +105,8 @@ pub enum TrialOutput {
     StoreTrial(TrialRecord),
     /// Replace the first text by the second in the file, durably, and apply it.
     Apply(String, String),
+    /// The same with the text before: it may come back whatever it says.
+    TakeBack(String, String),
     /// Store this durably.
     StoreManaged(ManagedRecord),
     /// Delete the stored [`TrialRecord`], durably.
@@ -352,7 +354,7 @@ impl ConfigTrial {
             TrialStep::Restoring(record, _, again) if again.is_some_and(|due| due <= now) => {
                 *again = None;
                 let (from, to) = (record.after.clone(), record.before.clone());
-                self.outputs.push_back(TrialOutput::Apply(from, to));
+                self.outputs.push_back(TrialOutput::TakeBack(from, to));
                 None
             }
             TrialStep::Recording(record, again) if again.is_some_and(|due| due <= now) => {
@@ -400,7 +402,7 @@ impl ConfigTrial {
             problem: Vec::new(),
         };
         let (from, to) = (record.after.clone(), record.before.clone());
-        self.outputs.push_back(TrialOutput::Apply(from, to));
+        self.outputs.push_back(TrialOutput::TakeBack(from, to));
         self.step = TrialStep::Restoring(record, verdict, None);
     }
 

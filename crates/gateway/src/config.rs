@@ -4,6 +4,7 @@
 mod bring;
 mod desk;
 pub(super) mod edits;
+mod part;
 mod rules;
 mod tables;
 
@@ -19,6 +20,7 @@ use axum::http::header::{ETAG, HeaderValue, IF_MATCH};
 use axum::routing::{MethodRouter, delete, get, patch, post, put};
 pub(super) use desk::{Asks, Changed, Desk};
 use jiff::Timestamp;
+pub(super) use part::{NotApplied, RemoteConfig, RemoteConfigCalls, remote_config};
 use railbus_api::problem::{Problem, codes};
 use railbus_app::api::failures::bad_config;
 use railbus_app::config_check::warnings;
@@ -126,7 +128,7 @@ async fn replace(order: Order) -> Answer {
     }
     let change = |before: &str| {
         let text = order.read::<Text>()?.text;
-        bring::may_bring(&order, before, &text)?;
+        bring::may_bring((&order.who, &order.site), before, &text)?;
         Ok(text)
     };
     edit(&order, change).await
@@ -202,7 +204,7 @@ async fn undo(order: Order) -> Answer {
     match found {
         Ok(found) => {
             let change = |before: &str| {
-                bring::may_bring(&order, before, &found.text)?;
+                bring::may_bring((&order.who, &order.site), before, &found.text)?;
                 Ok(found.text)
             };
             edit(&order, change).await
@@ -304,7 +306,7 @@ pub(super) async fn edit(
     };
     let change = |before: &str| {
         let text = change(before)?;
-        bring::may_lead(order, before, &text)?;
+        bring::may_lead((who, site), before, &text)?;
         Ok(text)
     };
     match site.desk.change(&asks, change).await {

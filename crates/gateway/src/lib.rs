@@ -65,6 +65,7 @@ mod notify;
 mod openapi;
 mod ops;
 mod order;
+mod panics;
 mod points;
 mod ports;
 mod remote_api;
@@ -181,6 +182,7 @@ pub fn run(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure> {
     if let Some(format) = wanted.check {
         return check(lang, wanted, format);
     }
+    panics::count_them();
     tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()
@@ -257,6 +259,12 @@ impl Source {
         // If there is none anywhere, one is created here.
         let file = config_file::path(wanted.config.as_deref());
         let file = file.unwrap_or_else(|_| config_file::real(Path::new(config_file::NAME)));
+        let state = config_file::state_folder(Some(&file));
+        // What was on trial is not used. If it can't be taken back yet, its integration goes on
+        // with that.
+        if let Err(problem) = northbound::recover(&file, &state) {
+            warn_of(lang, &Failure::of_problem(lang, &problem));
+        }
         // A site may start empty: its first line is added in the browser.
         let config = match file.exists() {
             true => read_config(lang, Some(&file)).map_err(refused)?.config,
@@ -264,7 +272,7 @@ impl Source {
         };
         Ok(Source {
             config,
-            state: config_file::state_folder(Some(&file)),
+            state,
             file,
             demo: None,
         })
@@ -358,6 +366,7 @@ async fn open_and_serve(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure
     let [limit, socket_limit] = [ConnectionLimit::new(), ConnectionLimit::new()];
     let for_remote = routes::handlers(site.clone(), Audience::Remote);
     northbound.serve_api(for_remote, stopped.clone());
+    northbound.serve_config(site.clone());
     let over_tcp = routes::router(site.clone(), Some(front));
     let mut listening = vec![tokio::spawn(listen::tcp(
         tcp,

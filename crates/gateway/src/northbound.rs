@@ -47,6 +47,7 @@ use railbus_site::Config;
 use railbus_site::config::OUTLET_TYPE;
 use railbus_words::Lang;
 use std::net::{SocketAddr, TcpListener};
+use std::path::Path;
 use supervisor::OutletId;
 
 /// Every kind of outlet.
@@ -124,6 +125,16 @@ fn demo_where(is_free: impl Fn(SocketAddr) -> bool) -> (String, Vec<DemoOutlet>)
         }
     }
     (text, outlets)
+}
+
+/// Undoes what an outlet has left half done in this configuration file, before that is read.
+///
+/// # Errors
+/// The disk refuses.
+pub(super) fn recover(config: &Path, state: &Path) -> Result<(), Problem> {
+    NORTHBOUND
+        .iter()
+        .try_for_each(|kind| (kind.recover)(config, state))
 }
 
 /// Whether outlets of a new configuration only lead where the owner of the daemon allows it, or

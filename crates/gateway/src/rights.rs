@@ -114,20 +114,25 @@ fn the_table_of_rights_is_that_of_the_routes() {
 }
 
 /// A site in a temporary folder, none of whose lines can be opened.
-struct Here {
-    site: Site,
-    folder: PathBuf,
+pub(crate) struct Here {
+    pub(crate) site: Site,
+    pub(crate) folder: PathBuf,
     _stop: watch::Sender<bool>,
 }
 
 impl Here {
     fn new(name: &str) -> Here {
+        Here::with(name, TEXT)
+    }
+
+    /// The same with this configuration.
+    pub(crate) fn with(name: &str, text: &str) -> Here {
         let unique = format!("railbus-rights-{}-{name}", std::process::id());
         let folder = std::env::temp_dir().join(unique);
         std::fs::create_dir_all(&folder).unwrap();
         let file = folder.join("railbus.toml");
-        std::fs::write(&file, TEXT).unwrap();
-        let config = Config::parse(TEXT).unwrap();
+        std::fs::write(&file, text).unwrap();
+        let config = Config::parse(text).unwrap();
         let desk = Arc::new(Desk::new(&file, &folder, &config));
         let service = Service::start_in(config, &folder).unwrap();
         let access = Gate::open(&folder).unwrap_or_else(|problem| panic!("{problem:?}"));

@@ -318,6 +318,23 @@ const REASONS: &[[&str; 2]] = &[
     ["the key is missing or cut off", "密钥缺失或不完整"],
     ["there are no invitations for this kind", "此类集成没有邀请"],
     ["no answer in time", "未及时应答"],
+    ["line {line} is not open any more", "总线 {line} 已断开"],
+    [
+        "module {module} does not answer any more",
+        "模块 {module} 不再应答",
+    ],
+    ["there is no session with the centre", "与中心没有会话"],
+    ["a part of the program panicked", "程序的一部分已崩溃"],
+    [
+        "the site was restarted while it was tried",
+        "试用期间站点重启",
+    ],
+    [
+        "the configuration was changed at the site",
+        "配置已在站点本地更改",
+    ],
+    ["its signature is wrong", "签名有误"],
+    ["it is of another site", "属于其他站点"],
     ["no answer", "无应答"],
     [
         "the site reported no result within a day",

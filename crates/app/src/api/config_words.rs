@@ -193,6 +193,15 @@ pub fn reason(lang: Lang, kind: &Invalid) -> String {
             "not the servers of a fleet: HOST or HOST:PORT is wanted",
             "不是站群的服务器：应为 主机 或 主机:端口",
         ]),
+        Invalid::BadConfigKey => fixed([
+            "not the key of a centre: V and 55 letters and digits, as railbus fleet config-key \
+             DIR shows it there",
+            "不是中心的密钥：应为 V 开头的 56 位字母和数字，可在中心用 railbus fleet config-key 文件夹 查看",
+        ]),
+        Invalid::ManagedBy(other) => both(
+            format!("\"{other}\" takes the configuration from its centre: only one can"),
+            format!("\"{other}\" 已从其中心接受配置：只能有一个"),
+        ),
         Invalid::RolesOnly => fixed([
             "with TLS the role of a client says what it may switch: use \"roles\" instead",
             "使用 TLS 时，客户端的角色决定其可操作的输出：请改用 \"roles\"",

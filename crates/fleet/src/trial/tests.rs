@@ -126,7 +126,7 @@ impl Site {
 
     /// It is taken back; why.
     fn takes_back(&mut self) -> String {
-        let back = TrialOutput::Apply("new".to_owned(), "old".to_owned());
+        let back = TrialOutput::TakeBack("new".to_owned(), "old".to_owned());
         assert_eq!(self.does(TrialDone::Ok), back);
         let verdict = self.ends().verdict.expect("there is one");
         assert_eq!(verdict.kind(), TrialEndKind::RolledBack);
@@ -301,7 +301,7 @@ fn a_disk_that_refuses_is_tried_again() {
         );
         site.1 += AGAIN;
     }
-    let back = TrialOutput::Apply("new".to_owned(), "old".to_owned());
+    let back = TrialOutput::TakeBack("new".to_owned(), "old".to_owned());
     assert_eq!(site.does(TrialDone::Ok), back);
     assert!(matches!(site.does(full()), TrialOutput::StoreManaged(_)));
     site.1 += AGAIN;

@@ -3,8 +3,8 @@
 //! itself needs none.
 
 use super::super::access::{Caller, Known, Role};
-use super::super::order::Order;
 use super::super::ports;
+use super::super::site::Site;
 use super::rules;
 use crate::northbound;
 use railbus_api::problem::{Problem, codes};
@@ -12,19 +12,23 @@ use railbus_site::Config;
 use railbus_site::config::Allowed;
 
 /// Whether a whole text may replace the present one.
-pub(super) fn may_bring(order: &Order, before: &str, text: &str) -> Result<(), Problem> {
+pub(super) fn may_bring(
+    (who, site): (&Caller, &Site),
+    before: &str,
+    text: &str,
+) -> Result<(), Problem> {
     // Errors in the text are reported when it is checked.
     let Ok(new) = Config::parse(text) else {
         return Ok(());
     };
-    let old = known(order, before);
-    administrators(&order.who, &old, &new)?;
-    rules::are_tried(&order.site.service, &old, &new)
+    let old = known(site, before);
+    administrators(who, &old, &new)?;
+    rules::are_tried(&site.service, &old, &new)
 }
 
 /// If the file was broken by hand, the configuration in force counts.
-fn known(order: &Order, before: &str) -> Config {
-    Config::parse(before).unwrap_or_else(|_| Config::clone(&order.site.service.config()))
+fn known(site: &Site, before: &str) -> Config {
+    Config::parse(before).unwrap_or_else(|_| Config::clone(&site.service.config()))
 }
 
 /// What only administrators may change: outlets, and whether everything is recorded.
@@ -45,18 +49,22 @@ fn administrators(who: &Caller, old: &Config, new: &Config) -> Result<(), Proble
 
 /// Whether a change contains only destinations that the owner has allowed. Only the owner can allow
 /// more, over the socket or in the file.
-pub(super) fn may_lead(order: &Order, before: &str, text: &str) -> Result<(), Problem> {
-    if order.who.known == Known::Owner {
+pub(super) fn may_lead(
+    (who, site): (&Caller, &Site),
+    before: &str,
+    text: &str,
+) -> Result<(), Problem> {
+    if who.known == Known::Owner {
         return Ok(());
     }
     let Ok(new) = Config::parse(text) else {
         return Ok(());
     };
-    let old = known(order, before);
+    let old = known(site, before);
     if old.allowed != new.allowed {
         return Err(Problem::new(codes::OWNER_ONLY).with("reason", Allowed::TABLES));
     }
-    let at_start = order.site.desk.ports_at_start();
+    let at_start = site.desk.ports_at_start();
     let is_known = |port: &String| {
         at_start.contains(port) || old.lines.values().any(|line| line.port == *port)
     };

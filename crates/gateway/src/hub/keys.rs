@@ -63,6 +63,7 @@ fn signers(files: &HubFiles) -> Result<Signers, Problem> {
     Ok(Signers {
         sites: signer(&files.site_signing)?,
         invitations: invitations.transpose()?,
+        config_key: String::new(),
     })
 }
 

@@ -32,6 +32,8 @@ pub(crate) struct Invited {
     pub(crate) name: String,
     /// What was handed over.
     pub(crate) invitation: Secret,
+    /// The other side may say the configuration of this site.
+    pub(crate) managed: bool,
     /// The settings of the outlet, if it is there.
     pub(crate) settings: Option<Keys>,
     /// The state folder.
@@ -110,6 +112,9 @@ pub(crate) struct OutletKind {
     pub(crate) check: fn(&str, &Keys, &Config) -> Vec<(&'static str, Invalid)>,
     /// Refuses destinations that only the owner of the daemon may add.
     pub(crate) may_lead: fn(old: &Config, new: &Config) -> Result<(), Problem>,
+    /// Undoes what one has left half done in the configuration file, in this state folder, before
+    /// the file is read.
+    pub(crate) recover: fn(config: &Path, state: &Path) -> Result<(), Problem>,
 }
 
 impl std::fmt::Debug for OutletKind {
@@ -263,6 +268,7 @@ impl OutletKind {
             missing: codes::NO_SUCH_OUTLET,
             check: |_, _, _| Vec::new(),
             may_lead: |_, _| Ok(()),
+            recover: |_, _| Ok(()),
         }
     }
 

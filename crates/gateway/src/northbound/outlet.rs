@@ -7,6 +7,7 @@ use super::secrets::Secrets;
 use super::supervisor::{Input, OutletCounts, OutletId, RunId, Supervised};
 use crate::access::Gate;
 use crate::access::secret::Secret;
+use crate::config::RemoteConfig;
 use crate::remote_api::RemoteApi;
 use jiff::Timestamp;
 use railbus_api::outlets::OutletError;
@@ -56,6 +57,12 @@ pub(crate) struct Outlet {
         expect(dead_code, reason = "the other kinds have no remote callers")
     )]
     pub(super) api: Arc<RemoteApi>,
+    /// The configuration of the daemon, for those who may say a part of it.
+    #[cfg_attr(
+        not(feature = "fleet"),
+        expect(dead_code, reason = "the other kinds have no centre")
+    )]
+    pub(super) config: RemoteConfig,
     /// The folder of what is kept.
     pub(super) folder: Arc<Path>,
     pub(super) stop: watch::Receiver<bool>,

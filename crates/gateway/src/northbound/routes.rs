@@ -114,6 +114,9 @@ struct SecretRequest {
 struct JoinRequest {
     #[schema(value_type = String)]
     invitation: Secret,
+    /// The other side may say the configuration of this site.
+    #[serde(default)]
+    managed: bool,
 }
 
 /// Whether there is a secret now. The secret itself is never shown.
@@ -344,10 +347,14 @@ async fn joined(order: &Order, kind: &'static OutletKind, outlet: &str) -> Resul
     }
     let config = order.site.service.config();
     not_of_another(&config, kind, outlet)?;
-    let JoinRequest { invitation } = order.read_secret()?;
+    let JoinRequest {
+        invitation,
+        managed,
+    } = order.read_secret()?;
     let invited = Invited {
         name: outlet.to_owned(),
         invitation,
+        managed,
         settings: settings_of(&config, kind, outlet),
         folder: order.site.northbound.folder(),
     };

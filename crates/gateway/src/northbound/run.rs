@@ -8,7 +8,9 @@ use super::supervisor::{
     Input, Moment, OutletConfig, OutletCounts, OutletId, Output, RunId, Supervised, Supervisor,
 };
 use crate::access::Gate;
+use crate::config::{RemoteConfig, RemoteConfigCalls, remote_config};
 use crate::remote_api::{RemoteApi, RemoteCalls, remote_api};
+use crate::site::Site;
 use axum::Router;
 use jiff::Timestamp;
 use railbus_api::outlets::OutletState;
@@ -42,6 +44,9 @@ pub(crate) struct Northbound {
     /// The API of the daemon, for outlets; and the requests, until they are served.
     api: RemoteApi,
     asked: Mutex<Option<RemoteCalls>>,
+    /// The same for its configuration.
+    config: RemoteConfig,
+    config_calls: Mutex<Option<RemoteConfigCalls>>,
     /// The state folder.
     folder: Arc<Path>,
     began: Instant,
@@ -99,6 +104,7 @@ impl Northbound {
     ) -> Arc<Northbound> {
         let (secrets, lost) = Secrets::open(state);
         let (api, asked) = remote_api();
+        let (config, config_calls) = remote_config();
         let northbound = Arc::new_cyclic(|me| Northbound {
             me: Weak::clone(me),
             site: site.into(),
@@ -107,6 +113,8 @@ impl Northbound {
             accounts: Arc::clone(accounts),
             api,
             asked: Mutex::new(Some(asked)),
+            config,
+            config_calls: Mutex::new(Some(config_calls)),
             folder: state.into(),
             began: Instant::now(),
             state: Mutex::new(State {
@@ -142,6 +150,15 @@ impl Northbound {
         let mut asked = self.asked.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(asked) = asked.take() {
             tokio::spawn(asked.serve(handlers, stop));
+        }
+    }
+
+    /// Does what outlets want with the configuration, until the daemon stops.
+    pub(crate) fn serve_config(&self, site: Site) {
+        let calls = &self.config_calls;
+        let mut calls = calls.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(calls) = calls.take() {
+            tokio::spawn(calls.serve(site));
         }
     }
 
@@ -263,6 +280,7 @@ impl Northbound {
             secrets: Arc::clone(&self.secrets),
             accounts: Arc::clone(&self.accounts),
             api: Arc::new(self.api.for_another()),
+            config: self.config.clone(),
             folder: Arc::clone(&self.folder),
             stop,
         }

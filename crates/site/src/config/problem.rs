@@ -111,6 +111,10 @@ pub enum Invalid {
     BadThumbprint,
     /// These are not the servers of a fleet.
     BadServers,
+    /// Not the public key of a centre that signs configurations.
+    BadConfigKey,
+    /// Another outlet takes the configuration from a centre already.
+    ManagedBy(String),
     /// Outputs for clients without a role, where clients have roles.
     RolesOnly,
     /// Another module on the same line has the same address in the same protocol.
@@ -160,6 +164,7 @@ impl Invalid {
             Invalid::BadRole | Invalid::RolesOnly => "E0889",
             Invalid::BadThumbprint => "E0834",
             Invalid::BadServers => "E0835",
+            Invalid::BadConfigKey | Invalid::ManagedBy(_) => "E0945",
             Invalid::NotAnInput => "E0893",
         }
     }

@@ -138,7 +138,7 @@ impl World {
             }
             _ if fails => return Ok(TrialDone::Failed("disk full".to_owned())),
             TrialOutput::StoreTrial(record) => self.write(|disk| disk.trial = Some(record))?,
-            TrialOutput::Apply(from, to) => {
+            TrialOutput::Apply(from, to) | TrialOutput::TakeBack(from, to) => {
                 assert_eq!(self.disk.file, from);
                 let trial = self.disk.trial.clone().expect("it is recorded first");
                 assert!([&trial.before, &trial.after].contains(&&to));

@@ -3,7 +3,9 @@
 use super::asked::{self, RunTime, refused};
 use super::connection::{Connection, LinkState, RECONNECT_MAX, credentials};
 use super::files::{self, Configured};
+use super::managed::{self, Managed};
 use super::settings::FleetAccess;
+use super::trial_files::TrialFiles;
 use crate::access::secret::random;
 use crate::clock::since_boot;
 use crate::nats::{next, unusable};
@@ -69,6 +71,8 @@ struct Driver {
     link: LinkState,
     /// Which run this is, and its time.
     run: RunTime,
+    /// Takes the configuration from the centre, if that may say it.
+    managed: Option<Managed>,
     /// Held while a long answer of the API is sent.
     long_answers: Arc<Semaphore>,
     outlet: Outlet,
@@ -97,6 +101,7 @@ pub(super) async fn run(outlet: Outlet) -> Result<(), Problem> {
     let configured = Configured::of(&outlet.service.config(), outlet.kind.name);
     files::remove_stale(&outlet.folder, &configured);
     let boot = random().map_err(|error| internal(&error))?;
+    let managed = Managed::start(&outlet)?;
     let outbox = outbox::start_for_again(&outlet, days)?;
     let own = SiteIdentity {
         installation,
@@ -120,6 +125,7 @@ pub(super) async fn run(outlet: Outlet) -> Result<(), Problem> {
             boot,
             began: since_boot(),
         },
+        managed,
         long_answers: Arc::new(Semaphore::new(1)),
         outlet,
     };
@@ -165,6 +171,9 @@ impl Driver {
                     self.uplink.set_claims(&claims, token);
                     (self.has_worked, self.is_key_end_said) = (false, false);
                     self.has_new_claims = false;
+                    let managed = self.managed.as_ref();
+                    let _following =
+                        managed.map(|own| own.follow(&connection.client, &claims.site));
                     let end = self.serve(connection, stopped.as_mut()).await;
                     self.asked = None;
                     self.handle(UplinkInput::Lost);
@@ -261,6 +270,7 @@ impl Driver {
                     Some(input) => self.handle(input),
                     None => return Ended::Gone,
                 },
+                () = managed::changed(self.managed.as_mut()) => {}
                 () = due => {}
             }
         }
@@ -268,6 +278,13 @@ impl Driver {
 
     fn handle(&mut self, input: UplinkInput<'_>) {
         self.uplink.handle(self.run.now(), input);
+        self.tell_managed();
+    }
+
+    fn tell_managed(&self) {
+        if let Some(managed) = &self.managed {
+            managed.set_session(self.uplink.has_session());
+        }
     }
 
     /// The centre issued these claims: they are put in the place of those in the file.
@@ -365,6 +382,7 @@ impl Driver {
                 }
                 Err(problem) => asked::not_begun(&problem).encode_to_vec(),
             },
+            Some("config") => managed::told(self.managed.as_ref()).encode_to_vec(),
             Some("resend") => self.resend(&asked.payload).encode_to_vec(),
             Some("state") => {
                 self.uplink.send_state();
@@ -455,6 +473,8 @@ impl Driver {
 
     async fn drive(&mut self, connection: &Connection) -> Result<(), Problem> {
         self.handle(UplinkInput::Stuck(self.recorded.outbox.is_stuck()));
+        let report = self.managed.as_ref().and_then(Managed::report);
+        self.uplink.set_config(report);
         loop {
             let clock = millis(SystemTime::now());
             let Some(output) = self.uplink.poll(self.run.now(), clock) else {
@@ -501,6 +521,7 @@ impl Driver {
                 }
             }
         }
+        self.tell_managed();
         self.tell_key_end();
         self.count();
         Ok(())
@@ -523,6 +544,7 @@ impl Driver {
             outbox::remove(&self.outlet.outbox_file());
             // What stays is removed by the next outlet of this kind.
             let _ = std::fs::remove_file(self.outlet.kept());
+            TrialFiles::new(&self.outlet.folder, &self.outlet.name).remove();
             let credentials = FleetAccess::of(&self.outlet.settings.borrow()).credentials;
             let config = self.outlet.service.config();
             let configured = Configured::of(&config, self.outlet.kind.name);

@@ -20,7 +20,7 @@ const PENDING_MAX: Duration = Duration::from_secs(31 * 86_400);
 /// A file of an outlet that is not configured may be of one that is being added.
 const ADDED_MAX: Duration = Duration::from_secs(600);
 
-const PREFIX: &str = "fleet-";
+pub(super) const PREFIX: &str = "fleet-";
 const JOINING: &str = "joining-";
 const CREDS: &str = ".creds";
 const CA: &str = ".ca.pem";

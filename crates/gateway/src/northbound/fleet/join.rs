@@ -3,7 +3,7 @@
 
 use super::connection::{CONNECT_MAX, credentials, servers_of};
 use super::files::{SiteFiles, write};
-use super::settings::FleetAccess;
+use super::settings::{CONFIG_KEY, FleetAccess};
 use crate::access::secret::Secret;
 use crate::nats::{unreached, unusable};
 use crate::northbound::broker::trusting;
@@ -37,6 +37,14 @@ struct PendingJoin {
     /// The seed of the key.
     seed: Secret,
     key: String,
+    /// The centre may say the configuration.
+    managed: bool,
+}
+
+/// What the centre gives for it.
+struct Given {
+    token: String,
+    config_key: String,
 }
 
 fn not_invited(reason: &dyn ToString) -> Problem {
@@ -48,9 +56,9 @@ pub(super) async fn join(invited: Invited) -> Result<Joined, Problem> {
     // Disks may be slow, and lines must not wait for them.
     let prepared = at_disk(move || prepare(&invited)).await?;
     let late = || Problem::new(codes::FLEET_UNREACHED).with("reason", "no answer in time");
-    let token = tokio::time::timeout(REQUEST_MAX, request_claims(&prepared)).await;
-    let token = token.map_err(|_| late())??;
-    at_disk(move || finish(&prepared, &token)).await
+    let given = tokio::time::timeout(REQUEST_MAX, request_claims(&prepared)).await;
+    let given = given.map_err(|_| late())??;
+    at_disk(move || finish(&prepared, &given)).await
 }
 
 async fn at_disk<T: Send + 'static>(
@@ -77,6 +85,7 @@ fn prepare(invited: &Invited) -> Result<PendingJoin, Problem> {
         files,
         seed,
         key,
+        managed: invited.managed,
     })
 }
 
@@ -123,23 +132,30 @@ fn pending_key(files: &SiteFiles, invitation: &str) -> Result<(Secret, String), 
 }
 
 /// Writes the credentials.
-fn finish(prepared: &PendingJoin, token: &str) -> Result<Joined, Problem> {
+fn finish(prepared: &PendingJoin, given: &Given) -> Result<Joined, Problem> {
     let PendingJoin {
         invitation,
         files,
         seed,
         key,
+        managed,
     } = prepared;
-    let creds = joined_creds(&invitation.site, seed.expose(), token);
+    if *managed && given.config_key.is_empty() {
+        return Err(Problem::new(codes::NO_CONFIG_KEY));
+    }
+    let creds = joined_creds(&invitation.site, seed.expose(), &given.token);
     let creds = creds.map_err(|error| not_invited(&error))?;
     let claims = read_site_creds(&creds).map_err(|error| not_invited(&error))?;
     write(&files.creds(key), &creds, 0o600)?;
     let servers: Vec<String> = invitation.servers.iter().map(ToString::to_string).collect();
-    let settings = json!({
+    let mut settings = json!({
         "servers": servers,
         "credentials": files.creds(key).display().to_string(),
         "ca": files.ca(key).display().to_string(),
     });
+    if *managed {
+        settings[CONFIG_KEY] = given.config_key.as_str().into();
+    }
     Ok(Joined {
         settings: settings.as_object().cloned().unwrap_or_default(),
         called: claims.site,
@@ -148,7 +164,7 @@ fn finish(prepared: &PendingJoin, token: &str) -> Result<Joined, Problem> {
 }
 
 /// Asks the centre for claims of the key.
-async fn request_claims(prepared: &PendingJoin) -> Result<String, Problem> {
+async fn request_claims(prepared: &PendingJoin) -> Result<Given, Problem> {
     let invitation = &prepared.invitation;
     let client = connected(invitation, &prepared.files.ca(&prepared.key)).await?;
     let token = site_token(&invitation.creds).unwrap_or_default().to_owned();
@@ -169,7 +185,10 @@ async fn request_claims(prepared: &PendingJoin) -> Result<String, Problem> {
         |reason: &dyn ToString| Problem::new(codes::NO_KEY).with("reason", reason.to_string());
     let answer = KeyAnswer::decode(answer.payload).map_err(|error| not_issued(&error))?;
     match answer.end {
-        Some(KeyResult::Token(token)) => Ok(token),
+        Some(KeyResult::Token(token)) => Ok(Given {
+            token,
+            config_key: answer.config_key,
+        }),
         Some(KeyResult::Refusal(refusal)) if refusal.code == codes::NOT_INVITED.code => {
             Err(not_invited(&refusal.reason))
         }

@@ -2,7 +2,8 @@
 //! order, also those of an outage.
 //!
 //! - Its settings: `settings`. How servers are reached: `connection`. What drives it: `driver`.
-//!   What the centre asks: `asked`. How it gets its key: `join`, `files`.
+//!   What the centre asks: `asked`. How it gets its key: `join`, `files`. The configuration that
+//!   it wants here: `managed`, `trial_files`.
 //! - What is said and when is decided by [`railbus_fleet::uplink`], which has no I/O.
 
 mod asked;
@@ -10,7 +11,9 @@ mod connection;
 mod driver;
 mod files;
 mod join;
+mod managed;
 mod settings;
+mod trial_files;
 
 use super::kind::{Field, OutletKind, Pair, Shape, WRITE};
 
@@ -19,6 +22,7 @@ pub(super) static KIND: OutletKind = OutletKind {
     notes: NOTES,
     check: settings::check,
     join: Some(|invited| Box::pin(join::join(invited))),
+    recover: trial_files::recover_all,
     ..OutletKind::new(
         "fleet",
         WORDS,
@@ -40,8 +44,8 @@ const WORDS: (Pair, Pair) = (
 const NOTES: &[Pair] = &[
     [
         "The centre can read what a viewer of this site can, and switch the outputs that are named \
-         here. It can change nothing else.",
-        "中心可以读取本站查看者能看到的内容，并操作此处列出的输出；除此之外不能修改任何内容。",
+         here. It can change nothing else, unless its key is here.",
+        "中心可以读取本站查看者能看到的内容，并操作此处列出的输出；除非在此填写了它的密钥，否则不能修改其他内容。",
     ],
     [
         "The name of the site is in its credentials, and the servers let it say nothing for \
@@ -56,6 +60,8 @@ const NOTES: &[Pair] = &[
 
 /// The longest path of a file.
 const PATH_MAX: usize = 1_024;
+/// The longest key, in bytes.
+const KEY_MAX: usize = 64;
 
 const FIELDS: &[Field] = &[
     Field::new("servers", ["Servers", "服务器"], Shape::Texts)
@@ -84,6 +90,16 @@ const FIELDS: &[Field] = &[
         "本机上该站群的 ca.pem 文件；留空则使用本机信任的 CA",
     ]),
     WRITE,
+    Field::new(
+        settings::CONFIG_KEY,
+        ["Key for configurations", "配置签名密钥"],
+        Shape::Text(KEY_MAX),
+    )
+    .with_hint([
+        "As railbus fleet config-key DIR shows it at the centre, which then may say the lines, \
+         modules, rules and scenes of this site. None if left empty",
+        "填写中心 railbus fleet config-key 文件夹 显示的密钥后，中心可下发本站的总线、模块、规则和场景配置；留空则不接受",
+    ]),
     Field::new(
         "replay_days",
         ["Keep changes (days)", "变化保留天数"],

@@ -4,7 +4,7 @@ use super::FleetText;
 use super::enrol::OUTPUT;
 use crate::args;
 use crate::commands::Context;
-use clap::{ArgMatches, Command};
+use clap::{ArgAction, ArgMatches, Command};
 use hyper::Method;
 use railbus_api::outlets::OutletJoined;
 use railbus_api::problem::{Problem, codes};
@@ -25,11 +25,12 @@ const INTEGRATION: &str = "fleet";
 
 /// Its parser and help.
 pub(super) fn define(lang: Lang) -> Command {
-    let usage = "railbus fleet join FILE [--name NAME]";
+    let usage = "railbus fleet join FILE [--name NAME] [--managed]";
     let name = args::flag(lang, "name", FleetText::IntegrationName).value_name("NAME");
     super::verb(lang, NAME, FleetText::Join, usage)
         .arg(super::required(lang, "FILE", FleetText::Invitation))
         .arg(name)
+        .arg(args::flag(lang, "managed", FleetText::Managed).action(ArgAction::SetTrue))
 }
 
 /// Hands the invitation over to the daemon, which makes its key.
@@ -38,12 +39,13 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
     let invitation = read(lang, &super::path(matches, "FILE"))?;
     let name = matches.get_one::<String>("name");
     let name = name.map_or(INTEGRATION, String::as_str);
+    let managed = matches.get_flag("managed");
     let joined: OutletJoined = context.block(async {
         let daemon = context.daemon().await?;
         let none = || Problem::new(codes::DAEMON).with_hint("railbus serve");
         let daemon = daemon.ok_or_else(|| context.failure(&none()))?;
         let path = ["outlets", "fleet", name, "join"];
-        let body = json!({ "invitation": invitation });
+        let body = json!({ "invitation": invitation, "managed": managed });
         let told = daemon.request(Method::POST, &path, &body).await;
         let told = told.map_err(|problem| context.failure(&problem))?;
         serde_json::from_value(told).map_err(|error| {
@@ -65,6 +67,9 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
     };
     out::result(lang, &text)?;
     context.note(&lang.fill(FleetText::JoinedNote, &[("name", &joined.outlet)]));
+    if managed {
+        context.note(&lang.fill(FleetText::ManagedNote, &[("name", &joined.outlet)]));
+    }
     Ok(())
 }
 

@@ -146,6 +146,14 @@ press Ctrl-C to stop",
         en: "the centre may switch what write in [outlet.{name}] names; without it, nothing",
         zh: "中心只能操作 [outlet.{name}] 中 write 列出的输出；未列出则均不可操作",
     }
+    Managed {
+        en: "the centre may say the configuration of this site, too",
+        zh: "同时允许中心下发本站点的配置",
+    }
+    ManagedNote {
+        en: "the centre may say its configuration: config_key in [outlet.{name}]",
+        zh: "中心可下发其配置：[outlet.{name}] 中的 config_key",
+    }
     NotNoted {
         en: "keys that the centre issued may still be accepted: its streams can't be used",
         zh: "无法使用中心的数据流，中心签发的密钥可能仍被接受",
