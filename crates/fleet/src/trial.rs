@@ -16,6 +16,9 @@ use std::time::Duration;
 
 /// How long a configuration is tried.
 pub const TRIAL: Duration = Duration::from_secs(120);
+/// How long it is waited, after a start or a change at the site, until lines and modules are there
+/// again. What is not there before a trial is not missing afterwards.
+const SETTLES: Duration = Duration::from_secs(60);
 /// How long until a write that failed is tried again.
 const AGAIN: Duration = Duration::from_secs(5);
 
@@ -158,6 +161,8 @@ pub struct ConfigTrial {
     /// How the site works, and when that was said.
     health: TrialHealth,
     health_at: Duration,
+    /// Since when the file is as it is, as far as that counts for how the site works.
+    steady: Option<Duration>,
     step: TrialStep,
     /// A later version that waits.
     next: Option<WantedConfig>,
@@ -197,6 +202,7 @@ impl ConfigTrial {
             file,
             health: TrialHealth::default(),
             health_at: Duration::ZERO,
+            steady: None,
             step,
             next: None,
             failed: None,
@@ -260,7 +266,10 @@ impl ConfigTrial {
             TrialStep::Idle | TrialStep::Recording(..) | TrialStep::Removing(_) => {
                 match &self.failed {
                     Some((wanted, why)) => ConfigPhase::Pending(wanted.version, why.clone()),
-                    None => self.managed.phase(&self.file),
+                    None => match &self.next {
+                        Some(wanted) => ConfigPhase::Pending(wanted.version, String::new()),
+                        None => self.managed.phase(&self.file),
+                    },
                 }
             }
         }
@@ -274,11 +283,16 @@ impl ConfigTrial {
 
     /// Whether something is going on that depends on how the site works.
     #[must_use]
-    pub const fn is_trying(&self) -> bool {
-        matches!(
-            self.step,
-            TrialStep::StoringTrial(..) | TrialStep::Applying(..) | TrialStep::Trying(..)
-        )
+    pub const fn needs_health(&self) -> bool {
+        match self.step {
+            TrialStep::StoringTrial(..) | TrialStep::Applying(..) | TrialStep::Trying(..) => true,
+            TrialStep::Idle => self.next.is_some(),
+            TrialStep::Checking(_)
+            | TrialStep::Waiting(..)
+            | TrialStep::Restoring(..)
+            | TrialStep::Recording(..)
+            | TrialStep::Removing(_) => false,
+        }
     }
 
     /// Something happened, at this time since the start.
@@ -291,8 +305,16 @@ impl ConfigTrial {
                     self.next = Some(wanted);
                 }
             }
-            TrialInput::Health(health) => (self.health, self.health_at) = (health, now),
-            TrialInput::File(text) => self.file = text,
+            TrialInput::Health(health) => {
+                (self.health, self.health_at) = (health, now);
+                self.steady.get_or_insert(now);
+            }
+            TrialInput::File(file) => {
+                if self.file != file {
+                    self.steady = Some(now);
+                }
+                self.file = file;
+            }
             TrialInput::Done(done) => self.done(now, done),
         }
     }
@@ -328,7 +350,9 @@ impl ConfigTrial {
 
     /// Does what is due; when something is next.
     fn step(&mut self, now: Duration) -> Option<Duration> {
+        let settles = self.settles_at(now);
         match &mut self.step {
+            TrialStep::Idle if self.next.is_some() && settles.is_some() => settles,
             // A later version takes the place of one that could not be written.
             TrialStep::Idle | TrialStep::Waiting(..) if self.next.is_some() => {
                 let wanted = self.next.take()?;
@@ -375,12 +399,24 @@ impl ConfigTrial {
         }
     }
 
+    /// When the site works as it did before, at the latest; none if it does.
+    fn settles_at(&self, now: Duration) -> Option<Duration> {
+        let TrialHealth {
+            lines,
+            lines_up,
+            modules,
+            modules_online,
+            ..
+        } = &self.health;
+        let is_whole = lines.is_subset(lines_up) && modules.is_subset(modules_online);
+        let Some(steady) = self.steady else {
+            // Nothing was said of it yet.
+            return Some(now + SETTLES);
+        };
+        Some(steady + SETTLES).filter(|at| !is_whole && now < *at)
+    }
+
     fn check(&mut self, wanted: WantedConfig) {
-        if !self.managed.may_be_replaced(&self.file, &wanted.replaces) {
-            let reason = "the configuration was changed at the site".to_owned();
-            let problem = Vec::new();
-            return self.refuse(wanted.version, TrialRefusal { reason, problem });
-        }
         let (file, text) = (self.file.text.clone(), wanted.text.clone());
         self.outputs.push_back(TrialOutput::Check(file, text));
         self.step = TrialStep::Checking(wanted);
@@ -428,8 +464,13 @@ impl ConfigTrial {
         match (step, done) {
             (TrialStep::Checking(wanted), TrialDone::Checked(after)) => {
                 // It is so already: there is nothing to try.
-                if after.text == self.file.text {
+                if after.hash == self.file.hash {
                     return self.record(ManagedRecord::kept(wanted.version, after.hash));
+                }
+                if !self.managed.may_be_replaced(&self.file, &wanted.replaces) {
+                    let reason = "the configuration was changed at the site".to_owned();
+                    let problem = Vec::new();
+                    return self.refuse(wanted.version, TrialRefusal { reason, problem });
                 }
                 let record = TrialRecord {
                     version: wanted.version,

@@ -202,11 +202,66 @@ fn what_did_not_work_before_or_is_not_wanted_any_more_is_not_missing() {
     before.modules_online = names(&["tank"]);
     before.lines_up = names(&["hall"]);
     site.says(before.clone());
+    site.1 += SETTLES;
+    site.says(before.clone());
     site.tries(3, "new");
     before.modules = names(&["oven"]);
     before.modules_online = names(&[]);
     site.after_trial(before);
     assert_eq!(site.ends().kept, 3);
+}
+
+/// What is not there before a trial is not missing afterwards: a site that has just started has
+/// nothing.
+#[test]
+fn a_trial_waits_until_the_site_works_again() {
+    let none = || TrialHealth {
+        lines_up: names(&[]),
+        modules_online: names(&[]),
+        ..well()
+    };
+    let begun = || {
+        let mut site = Site(
+            ConfigTrial::new(ManagedRecord::default(), file("old"), None),
+            S(100),
+        );
+        site.wants(3, "new");
+        assert_eq!(site.next(), None);
+        site.says(none());
+        assert_eq!(site.next(), None);
+        assert!(site.0.needs_health());
+        let waits = ConfigPhase::Pending(3, String::new());
+        assert_eq!(site.0.phase(), waits);
+        site
+    };
+    // As soon as all of it is there.
+    let mut site = begun();
+    site.1 += S(5);
+    let all_but_one = TrialHealth {
+        modules_online: names(&["tank"]),
+        ..well()
+    };
+    site.says(all_but_one);
+    assert_eq!(site.next(), None);
+    site.says(well());
+    assert_eq!(site.next(), Some(check("new")));
+    // A module may be dead.
+    let mut site = begun();
+    site.1 += SETTLES - S(1);
+    site.says(none());
+    assert_eq!((site.next(), site.0.deadline()), (None, Some(S(160))));
+    site.1 += S(1);
+    assert_eq!(site.next(), Some(check("new")));
+    // The same after a change at the site.
+    let mut site = Site::new();
+    site.1 += S(1_000);
+    site.0.handle(site.1, TrialInput::File(file("")));
+    site.says(none());
+    site.wants(4, "new");
+    assert_eq!(site.next(), None);
+    site.1 += SETTLES;
+    site.says(none());
+    assert!(matches!(site.next(), Some(TrialOutput::Check(..))));
 }
 
 #[test]
@@ -324,6 +379,7 @@ fn what_is_changed_here_is_not_overwritten_unseen() {
     site.does(TrialDone::Changed(file("by hand")));
     assert_eq!(site.does(TrialDone::Ok), TrialOutput::RemoveTrial);
     site.1 += AGAIN;
+    site.checks("new");
     let verdict = site.ends().verdict.expect("it is another text");
     assert_eq!(verdict.kind(), TrialEndKind::Refused);
     assert_eq!(verdict.reason, "the configuration was changed at the site");
@@ -336,6 +392,7 @@ fn what_is_changed_here_is_not_overwritten_unseen() {
     };
     site.0.handle(site.1, over(4, "new", "by hand"));
     site.does(TrialDone::Changed(file("by two hands")));
+    site.checks("new");
     let verdict = site.ends().verdict.expect("it is another text");
     assert_eq!(
         (verdict.version, site.0.file().text.as_str()),
@@ -366,6 +423,7 @@ fn a_text_of_the_centre_and_an_empty_one_are_replaced_by_the_next() {
     };
     let mut site = Site::new();
     site.0.handle(site.1, unseen(1, "new"));
+    site.checks("new");
     assert_eq!(site.ends().verdict.expect("it is not empty").version, 1);
     // With what only the site says.
     let own = ConfigText {
@@ -421,7 +479,12 @@ fn left() -> TrialRecord {
 #[test]
 fn one_that_is_there_already_needs_no_trial() {
     let mut site = Site::new();
-    site.wants(3, "old");
+    // Also where nobody says that it may be replaced, as on a machine that was set up anew.
+    let same = WantedConfig {
+        replaces: Vec::new(),
+        ..wanted(3, "old")
+    };
+    site.0.handle(site.1, TrialInput::Wanted(same));
     site.checks("old");
     assert_eq!(site.ends().kept, 3);
     assert_eq!(site.0.phase(), ConfigPhase::Current(3));
