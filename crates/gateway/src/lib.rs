@@ -239,6 +239,8 @@ struct Source {
     file: PathBuf,
     /// The state folder.
     state: PathBuf,
+    /// Locked: another daemon of this folder fails before it changes anything.
+    access: Arc<Gate>,
     /// Ends with the daemon, after the lines.
     demo: Option<Demo>,
 }
@@ -260,6 +262,7 @@ impl Source {
         let file = config_file::path(wanted.config.as_deref());
         let file = file.unwrap_or_else(|_| config_file::real(Path::new(config_file::NAME)));
         let state = config_file::state_folder(Some(&file));
+        let access = Arc::new(Gate::open(&state).map_err(refused)?);
         // What was on trial is not used. If it can't be taken back yet, its integration goes on
         // with that.
         if let Err(problem) = northbound::recover(&file, &state) {
@@ -274,6 +277,7 @@ impl Source {
             config,
             state,
             file,
+            access,
             demo: None,
         })
     }
@@ -295,6 +299,8 @@ impl Source {
         })?;
         // Its own, whatever is set as the state folder of real sites.
         let state = folder.path().join(".railbus");
+        let access = Gate::open(&state);
+        let access = access.map_err(|problem| Failure::of_problem(lang, &problem))?;
         let demo = Demo {
             line,
             outlets,
@@ -304,6 +310,7 @@ impl Source {
             config,
             file,
             state,
+            access: Arc::new(access),
             demo: Some(demo),
         })
     }
@@ -323,9 +330,7 @@ async fn open_and_serve(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure
     let tcp = tcp::bind(lang, wanted.listen, SERVE).await?;
     let socket = listen_on_socket(lang, wanted.socket.as_deref(), socket::DAEMON)?;
     let source = Source::open(lang, wanted)?;
-    let access = Gate::open(&source.state);
-    let access = access.map_err(|problem| Failure::of_problem(lang, &problem))?;
-    let access = Arc::new(access);
+    let access = Arc::clone(&source.access);
     let service = Service::start_in(source.config.clone(), &source.state);
     let service = service.map_err(|error| system(lang, error))?;
     let name = site::name_of(source.demo.is_some(), &source.file);

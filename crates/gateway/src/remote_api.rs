@@ -202,9 +202,14 @@ impl RemoteCalls {
     }
 }
 
+/// The name of somebody at the other end of an outlet, as logs have it.
+pub(crate) fn shown_user(user: &str) -> String {
+    let letters = user.chars().filter(|letter| is_shown(*letter));
+    letters.take(USER_MAX).collect()
+}
+
 async fn answered(handlers: Router, call: RemoteCall) {
-    let user = call.request.user.chars().filter(|letter| is_shown(*letter));
-    let user: String = user.take(USER_MAX).collect();
+    let user = shown_user(&call.request.user);
     let rights = call.request.command.as_ref();
     let rights = rights.map(|command| command.rights.clone());
     let caller = Caller {

@@ -7,6 +7,7 @@
 use super::super::access::{Caller, Known, Role};
 use super::super::listen::ended;
 use super::super::northbound;
+use super::super::remote_api::shown_user;
 use super::super::site::Site;
 use super::{Asks, bring};
 use railbus_api::problem::{Problem, codes};
@@ -186,7 +187,7 @@ fn caller(outlet: &str, user: &str) -> Caller {
     Caller {
         name: match user {
             "" => outlet.clone(),
-            user => format!("{outlet}:{user}"),
+            user => format!("{outlet}:{}", shown_user(user)),
         },
         id: outlet.clone(),
         role: Some(Role::Engineer),

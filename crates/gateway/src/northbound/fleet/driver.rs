@@ -538,7 +538,10 @@ impl Driver {
     }
 
     /// The outbox is closed, and removed with its outlet.
-    async fn end(self) {
+    async fn end(mut self) {
+        if let Some(managed) = self.managed.take() {
+            managed.end(CLOSE_MAX).await;
+        }
         self.recorded.outbox.end(CLOSE_MAX).await;
         if self.outlet.is_gone() {
             outbox::remove(&self.outlet.outbox_file());

@@ -23,7 +23,7 @@ use railbus_site::Service;
 use railbus_site::config::part::part_of;
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::sync::{mpsc, watch};
+use tokio::sync::{Notify, mpsc, watch};
 use tokio::task::JoinHandle;
 use tokio::time::Instant;
 
@@ -64,7 +64,16 @@ pub(super) struct Managed {
     /// None until the file was read.
     view: watch::Receiver<Option<ManagedView>>,
     outlet: Report,
-    _task: Following,
+    task: JoinHandle<()>,
+    /// Ends it once it has nothing under way.
+    over: Arc<Notify>,
+}
+
+/// [`Managed::end`] is gentler.
+impl Drop for Managed {
+    fn drop(&mut self) {
+        self.task.abort();
+    }
 }
 
 impl Managed {
@@ -81,6 +90,7 @@ impl Managed {
         let (wanted, asked) = mpsc::channel(WAITING_MAX);
         let (session, has_session) = watch::channel(false);
         let (told, view) = watch::channel(None);
+        let over = Arc::new(Notify::new());
         let task = ManagedTask {
             name: outlet.name.clone(),
             config: outlet.config.clone(),
@@ -90,6 +100,7 @@ impl Managed {
             wanted: asked,
             session: has_session,
             told,
+            over: Arc::clone(&over),
             user: String::new(),
         };
         let task = tokio::spawn(async move {
@@ -106,8 +117,16 @@ impl Managed {
             session,
             view,
             outlet: outlet.report.clone(),
-            _task: Following(task),
+            task,
+            over,
         }))
+    }
+
+    /// Ends it between two steps: what is under way on the disk is not to meet what the next run
+    /// does there.
+    pub(super) async fn end(mut self, within: Duration) {
+        self.over.notify_one();
+        let _ = tokio::time::timeout(within, &mut self.task).await;
     }
 
     /// How far the configuration is.
@@ -241,6 +260,7 @@ struct ManagedTask {
     wanted: mpsc::Receiver<ConfigDocument>,
     session: watch::Receiver<bool>,
     told: watch::Sender<Option<ManagedView>>,
+    over: Arc<Notify>,
     /// Who wanted the last document.
     user: String,
 }
@@ -254,7 +274,7 @@ impl ManagedTask {
         let mut trial = ConfigTrial::new(managed, file, trial);
         loop {
             self.drive(&mut trial).await;
-            let look = trial.is_trying().then_some(LOOK);
+            let look = trial.needs_health().then_some(LOOK);
             let due = trial.deadline().map(|at| at.saturating_sub(since_boot()));
             let due = [look, due].into_iter().flatten().min();
             let due = async {
@@ -283,6 +303,7 @@ impl ManagedTask {
                         return Ok(());
                     }
                 }
+                () = self.over.notified() => return Ok(()),
                 () = due => {}
             }
         }
@@ -359,11 +380,12 @@ impl ManagedTask {
         {
             return;
         }
+        // At a start, too: the centre is told the same.
+        let was = before
+            .as_ref()
+            .map(|before| (before.report.phase, before.report.version));
         let is_new = |end: ConfigPhaseKind| {
-            report.phase() == end
-                && before
-                    .as_ref()
-                    .is_some_and(|before| before.report.phase() != end)
+            report.phase() == end && was != Some((report.phase, report.version))
         };
         if is_new(ConfigPhaseKind::RolledBack) {
             let problem = Problem::new(codes::CONFIG_TAKEN_BACK);

@@ -49,7 +49,7 @@ pub(super) fn check(name: &str, settings: &Keys, config: &Config) -> Vec<(&'stat
     let Some(key) = text(settings, CONFIG_KEY).filter(|key| !key.is_empty()) else {
         return Vec::new();
     };
-    if ConfigVerifier::new(&key).is_err() {
+    if ConfigVerifier::new(key).is_err() {
         return vec![(CONFIG_KEY, Invalid::BadConfigKey)];
     }
     // Of two centres neither could know what the other one wants.
