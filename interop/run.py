@@ -126,14 +126,15 @@ def fleets(words):
     and so run beside the others."""
     import fleet_bulk_suite
     import fleet_command_suite
+    import fleet_config_suite
     import fleet_crowd_suite
     import fleet_hub_suite
     import fleet_join_suite
     import fleet_suite
     import fleet_uplink_suite
 
-    return chosen((fleet_command_suite, fleet_crowd_suite, fleet_bulk_suite, fleet_join_suite,
-                   fleet_hub_suite, fleet_uplink_suite, fleet_suite), words)
+    return chosen((fleet_config_suite, fleet_command_suite, fleet_crowd_suite, fleet_bulk_suite,
+                   fleet_join_suite, fleet_hub_suite, fleet_uplink_suite, fleet_suite), words)
 
 
 def alone(words):

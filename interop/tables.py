@@ -754,6 +754,15 @@ many sites: {so many at a time,stopped at another process,stopped by Ctrl-C,thei
 many sites: {stop,kill,the servers are away,by the command line}
 """
 
+FLEET_CONFIG = """
+a site's configuration: {the key of the centre,what it has is not replaced unseen}
+a site's configuration: {a wrong one is refused with its line,the site's own tables are refused}
+a site's configuration: {kept where the site works with it,taken back where a module is lost}
+a site's configuration: {refused at the site,kill -9 during the trial,a change at the site}
+a site's configuration: {signed by another key,of another site,an old version}
+a site's configuration: {one that is away takes part when it comes,one without the key takes none}
+"""
+
 FLEET_LEADERS = """
 leaders that die
 """
@@ -802,6 +811,7 @@ TABLES = {
     "fleet, keys": FLEET_JOIN,
     "fleet, commands": FLEET_COMMANDS,
     "fleet, commands to many sites": FLEET_BULK,
+    "fleet, configuration": FLEET_CONFIG,
     "fleet, leaders": FLEET_LEADERS,
     "Modbus RTU slave": MODBUS_RTU_SLAVE,
 }
