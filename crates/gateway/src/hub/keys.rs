@@ -11,12 +11,14 @@ use async_nats::{Client, Subscriber};
 use railbus_api::problem::{Problem, codes};
 use railbus_fleet::SiteSigner;
 use railbus_fleet::centre::StoreEnd;
+use railbus_fleet::desired::ConfigSigner;
 use railbus_fleet::issuing::{
     KeyRequestKind, Signers, VerifiedRequest, keys_subject, no_signing_key, rate_limited, refused,
     revoke_noted, verify,
 };
 use railbus_fleet::message::IssuedKey;
 use std::collections::BTreeMap;
+use std::io::ErrorKind;
 use std::path::Path;
 use std::time::Duration;
 use tokio::task::JoinHandle;
@@ -60,11 +62,27 @@ fn signers(files: &HubFiles) -> Result<Signers, Problem> {
     // A fleet that was founded before has none for invitations.
     let invitations = files.join_signing.exists();
     let invitations = invitations.then(|| signer(&files.join_signing));
+    let config = config_signer(files)?;
     Ok(Signers {
         sites: signer(&files.site_signing)?,
         invitations: invitations.transpose()?,
-        config_key: String::new(),
+        config_key: config.map_or_else(String::new, |signer| signer.public_key()),
     })
+}
+
+/// What the centre signs configurations with; none if its fleet has no such key.
+///
+/// # Errors
+/// The file can't be used.
+fn config_signer(files: &HubFiles) -> Result<Option<ConfigSigner>, Problem> {
+    let path = &files.config_signing;
+    let seed = match std::fs::read_to_string(path) {
+        Ok(seed) => seed,
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
+        Err(error) => return Err(unusable(path, &error)),
+    };
+    let signer = ConfigSigner::from_seed(&seed);
+    signer.map(Some).map_err(|error| unusable(path, &error))
 }
 
 /// Answers requests for keys on this connection from now on.

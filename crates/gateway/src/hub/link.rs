@@ -10,6 +10,7 @@ use async_nats::jetstream::stream::{Config as StreamConfig, Stream as NatsStream
 use async_nats::jetstream::{self, Context};
 use async_nats::{Client, ConnectOptions, Event, Subscriber};
 use railbus_api::problem::{Problem, codes};
+use railbus_fleet::founding::CONFIG_SIGNING;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use tokio::sync::watch;
@@ -42,6 +43,11 @@ const COMMANDS_KEPT: Duration = Duration::from_secs(90 * 24 * 60 * 60);
 const COMMANDS_READ: Duration = Duration::from_secs(7 * 24 * 60 * 60);
 /// The longest record of a command, in bytes.
 const COMMAND_MAX: i32 = 256 << 10;
+/// Configurations that sites are to have, and the stream that keeps them.
+const DESIRED_STREAM: &str = "DESIRED";
+const DESIRED: &str = "rb.desired.*.*";
+/// The longest of them with its signature, in bytes: the text has 512 KiB at most.
+const DESIRED_MAX: i32 = 516 << 10;
 /// The copies that a stream has, where there are enough servers.
 const REPLICAS: usize = 3;
 
@@ -56,6 +62,8 @@ pub(super) struct HubFiles {
     pub(super) account: PathBuf,
     pub(super) site_signing: PathBuf,
     pub(super) join_signing: PathBuf,
+    /// The key that signs configurations, which a fleet may lack.
+    pub(super) config_signing: PathBuf,
 }
 
 /// A connection without subscriptions.
@@ -129,11 +137,12 @@ impl HubFiles {
             account: hub.join("sites-account.pub"),
             site_signing: hub.join("site-signing.nk"),
             join_signing: hub.join("join-signing.nk"),
+            config_signing: folder.join(CONFIG_SIGNING),
         })
     }
 
     /// The streams that sites and centre need.
-    fn streams(&self) -> [StreamConfig; 4] {
+    fn streams(&self) -> [StreamConfig; 5] {
         let day = Duration::from_secs(24 * 60 * 60);
         let replicas = if self.servers.len() < REPLICAS {
             1
@@ -161,6 +170,12 @@ impl HubFiles {
                 max_age: COMMANDS_KEPT,
                 max_message_size: COMMAND_MAX,
                 ..stream("LEDGER", COMMANDS, 3)
+            },
+            StreamConfig {
+                max_message_size: DESIRED_MAX,
+                // Each site reads its own this way.
+                allow_direct: true,
+                ..stream(DESIRED_STREAM, DESIRED, 20)
             },
         ]
     }
@@ -218,7 +233,7 @@ impl Opened {
             let stream = streams.get_or_create_stream(config).await;
             made.push(stream.map_err(|error| no_streams(&error))?);
         }
-        let [_, states, fleet, ledger] = &made[..] else {
+        let [_, states, fleet, ledger, _] = &made[..] else {
             return Err(no_streams(&"a stream is missing"));
         };
         let mut documents = Vec::new();
@@ -331,4 +346,40 @@ async fn read(
         });
     }
     Ok(messages)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use railbus_fleet::desired::{CONFIG_TEXT_MAX, ConfigSigner};
+    use railbus_fleet::message::ConfigDocument;
+
+    #[test]
+    fn the_longest_configuration_has_a_place() {
+        let folder = std::env::temp_dir().join(format!("railbus-link-{}", std::process::id()));
+        std::fs::create_dir_all(self::folder(&folder)).unwrap();
+        std::fs::write(self::folder(&folder).join("servers"), "nats1\n").unwrap();
+        let files = HubFiles::read(&folder).unwrap_or_else(|problem| panic!("{problem:?}"));
+        std::fs::remove_dir_all(&folder).unwrap();
+        let streams = files.streams();
+        let found = streams.iter().find(|stream| stream.name == DESIRED_STREAM);
+        let stream = found.unwrap();
+        assert_eq!(
+            (stream.max_messages_per_subject, stream.num_replicas),
+            (20, 1)
+        );
+        assert!(stream.allow_direct);
+        let longest = ConfigDocument {
+            site: "s".repeat(64),
+            version: u64::MAX,
+            text: "#".repeat(CONFIG_TEXT_MAX),
+            user: "u".repeat(256),
+            at_ms: i64::MAX,
+            replaces: vec![7; 32],
+        };
+        let signed = ConfigSigner::generate().sign(&longest).unwrap();
+        // With room for headers.
+        let long = i32::try_from(signed.len()).unwrap() + 2_048;
+        assert!(long < stream.max_message_size, "{long}");
+    }
 }
