@@ -168,9 +168,131 @@ pub struct FleetSite {
     /// The groups that it is in, by name.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub groups: Vec<String>,
+    /// How far its configuration is; none where it takes none from the centre, and where it was not
+    /// heard since the centre was connected.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub config: Option<FleetSiteConfig>,
     /// Why it needs attention.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub attention: Vec<FleetAttention>,
+}
+
+/// How far the configuration of a site is.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct FleetSiteConfig {
+    /// How far.
+    pub phase: FleetConfigPhase,
+    /// Of which version this is said; none if the site knows of none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub version: Option<u64>,
+}
+
+/// How far a configuration is at a site, as it said itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum FleetConfigPhase {
+    /// The centre has wanted none so far.
+    Unmanaged,
+    /// It is kept.
+    Current,
+    /// It waits: another one is tried, or the disk refuses.
+    Pending,
+    /// It is tried.
+    Trying,
+    /// It was never applied.
+    Refused,
+    /// It was tried, and the configuration before came back.
+    RolledBack,
+    /// The configuration was changed at the site since it was kept.
+    LocalChange,
+    /// Something that this program does not know.
+    #[serde(other)]
+    Other,
+}
+
+/// `GET /fleet/v1/sites/{site}/config`: the configuration that a site is to have, and how far it is.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct FleetConfig {
+    /// The version of the API.
+    pub schema: u8,
+    /// The site.
+    pub site: String,
+    /// Whether it is there. One that is not takes part when it comes.
+    pub presence: FleetPresence,
+    /// The newest configuration that the centre wanted; none if it wanted none so far.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub wanted: Option<FleetConfigWanted>,
+    /// What the site says; none where it takes no configuration from the centre, and where it was
+    /// not heard since the centre was connected.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub state: Option<FleetConfigState>,
+}
+
+/// A configuration that the centre wants at a site.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct FleetConfigWanted {
+    /// Its version: a later one is higher.
+    pub version: u64,
+    /// Who wanted it.
+    pub user: String,
+    /// When, by the centre's clock, as RFC 3339 in UTC.
+    pub at: String,
+    /// What the file is to say, without what only the site itself says.
+    pub text: String,
+}
+
+/// How far the configuration of a site was at its last heartbeat.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct FleetConfigState {
+    /// How far.
+    pub phase: FleetConfigPhase,
+    /// Of which version this is said; none if the site knows of none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub version: Option<u64>,
+    /// The version that was kept last; none if none was.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub kept: Option<u64>,
+    /// The SHA-256 of what the file says without what only the site itself says, in hexadecimal.
+    pub hash: String,
+    /// That is not what was kept last.
+    pub changed_at_site: bool,
+    /// Why it waits, in English.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
+    /// Why it was not kept.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub problem: Option<Problem>,
+    /// How long ago the heartbeat came, in milliseconds.
+    pub heard_ms: u64,
+}
+
+/// `PUT /fleet/v1/sites/{site}/config`: the configuration that a site is to have from now on.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct SetSiteConfig {
+    /// What the file is to say, at most 512 KiB, without what only the site itself says: its
+    /// integrations, and the tables `audit`, `ports` and `webhooks`.
+    pub text: String,
+    /// The version that its author has seen as the newest one, 0 for none: if there is another one,
+    /// it is refused. Without it, it follows whatever is the newest.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seen: Option<u64>,
+    /// The `hash` of what the site has, which may be replaced although the centre did not make it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub replaces: Option<String>,
+}
+
+/// `GET /fleet/v1/sites/{site}/config/text`: the configuration that a site has now, as it said when
+/// it was asked for this.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct FleetConfigText {
+    /// The version of the API.
+    pub schema: u8,
+    /// The site.
+    pub site: String,
+    /// What the file says, without what only the site itself says.
+    pub text: String,
+    /// Its SHA-256, in hexadecimal.
+    pub hash: String,
 }
 
 /// `DELETE /fleet/v1/sites/{site}`: the site was removed.

@@ -5,11 +5,12 @@
 //! - What is decided, without I/O: `railbus_fleet::centre` and `railbus_fleet::ledger`. What drives
 //!   it: `driver`. Its connection, and the streams of its servers: `link`, `streams`. What it
 //!   tells: `routes`, `view`, `sites`; its pages: `pages`. What sites tell through it: `site_api`.
-//!   What they are told to do: `command`; many of them at once: `bulk`. Keys that it issues:
-//!   `keys`. Keys that are let in no longer: `revoke`.
+//!   What they are told to do: `command`; many of them at once: `bulk`. Which configuration they
+//!   are to have: `config`. Keys that it issues: `keys`. Keys that are let in no longer: `revoke`.
 
 mod bulk;
 mod command;
+mod config;
 mod driver;
 mod keys;
 mod link;

@@ -2,12 +2,14 @@
 
 mod bulk;
 mod commands;
+mod config;
 mod groups;
 mod removal;
 
 use super::HubText;
 use super::bulk::{BulkWanted, GivenBulk, PreviewWanted, bulk_sites, preview};
 use super::command::{GivenCommand, SentEnd};
+use super::config::GivenConfig;
 use super::link::{Document, HubFiles, Link, Opened};
 use super::site_api::SiteWay;
 use super::sites::{self, SitesWanted};
@@ -21,10 +23,11 @@ use crate::northbound::broker::session::Tries;
 use crate::{warn, warn_of};
 use async_nats::{Message, Subject};
 use commands::CommandCaller;
+use config::{AskedConfig, NewestConfig};
 use groups::SetGroups;
 use railbus_api::fleet::{
-    FleetBulkPreview, FleetBulkSites, FleetCommands, FleetRemoval, FleetSitePoints, FleetSiteTold,
-    FleetSites,
+    FleetBulkPreview, FleetBulkSites, FleetCommands, FleetConfig, FleetRemoval, FleetSitePoints,
+    FleetSiteTold, FleetSites,
 };
 use railbus_api::problem::{Problem, codes};
 use railbus_app::failure::Failure;
@@ -57,8 +60,12 @@ pub(super) enum HubCall {
     Sites(SitesWanted, oneshot::Sender<FleetSites>),
     /// A site with its points; the problem if there is none of this name, or that is not known.
     Site(String, oneshot::Sender<Result<FleetSitePoints, Problem>>),
-    /// How a site is asked; the problem if it can't be.
-    Way(String, oneshot::Sender<Result<SiteWay, Problem>>),
+    /// How a site is asked for this; the problem if it can't be.
+    Way(
+        String,
+        &'static str,
+        oneshot::Sender<Result<SiteWay, Problem>>,
+    ),
     /// A command to a site; what came of it, or the problem if it was not sent.
     Command(GivenCommand, oneshot::Sender<Result<CommandTold, Problem>>),
     /// A site is to be removed; the problem if it was not, or that is not known.
@@ -69,6 +76,11 @@ pub(super) enum HubCall {
         Vec<String>,
         oneshot::Sender<Result<FleetSiteTold, Problem>>,
     ),
+    /// Which configuration a site is to have, and how far it is; the problem if there is no such
+    /// site, or that is not known.
+    Config(String, oneshot::Sender<Result<FleetConfig, Problem>>),
+    /// A site is to have this configuration; the problem if it is not, or that is not known.
+    SetConfig(GivenConfig, oneshot::Sender<Result<FleetConfig, Problem>>),
     /// The newest commands.
     Commands(oneshot::Sender<FleetCommands>),
     /// An order to many sites; whether it is one.
@@ -96,6 +108,8 @@ enum StreamEnd {
     Removed(u64, StoreEnd, bool, Option<Problem>),
     /// Of storing the groups of a site.
     GroupsStored(SetGroups, StoreEnd, Option<Problem>),
+    /// Of reading the newest configuration of a site, or of storing one.
+    Config(AskedConfig, NewestConfig),
     /// Of storing a record of a command.
     RecordStored(CommandId, StoreEnd, Option<Problem>),
     /// Of reading the latest one; none if that failed.
@@ -163,6 +177,15 @@ fn ended(reason: &dyn ToString) -> Problem {
     Problem::new(codes::FLEET_ENDED).with("reason", reason.to_string())
 }
 
+/// The connection was lost before a result of it was looked at: who waits for it is told.
+fn lost(end: StreamEnd) {
+    match end {
+        StreamEnd::GroupsStored(set, ..) => set.lost(),
+        StreamEnd::Config(asked, _) => asked.lost(),
+        _ => {}
+    }
+}
+
 /// The wall clock, in seconds since 1970.
 fn clock_s() -> i64 {
     millis(SystemTime::now()) / 1_000
@@ -218,7 +241,7 @@ impl Driver {
                     let (_, mut ends) =
                         std::mem::replace(&mut self.ends, mpsc::unbounded_channel());
                     while let Ok(end) = ends.try_recv() {
-                        self.groups_lost(end);
+                        lost(end);
                     }
                     tries.connected_since(begun);
                     match end {
@@ -461,6 +484,7 @@ impl Driver {
                 self.handle(CentreInput::LeaseRead(&site, found));
             }
             StreamEnd::GroupsStored(set, end, problem) => self.groups_stored(set, end, problem),
+            StreamEnd::Config(asked, newest) => self.config_known(asked, newest),
             StreamEnd::Removed(number, end, is_purged, problem) => {
                 self.removal_stored(number, (end, is_purged), problem);
             }
@@ -585,16 +609,18 @@ impl Driver {
                 let site = site.as_ref().map(|site| view::site_points(site, clock_s));
                 _ = to.send(site.ok_or_else(|| self.no_site(&name)));
             }
-            HubCall::Way(name, to) => {
+            HubCall::Way(name, what, to) => {
                 let site = self.centre.site(now, &name);
                 let way = match (site, link) {
                     (None, _) => Err(self.no_site(&name)),
                     (Some(_), None) => Err(self.disconnected()),
-                    (Some(site), Some(link)) => Ok(link.way(site.name, site.session, "api")),
+                    (Some(site), Some(link)) => Ok(link.way(site.name, site.session, what)),
                 };
                 _ = to.send(way);
             }
             HubCall::Groups(name, groups, to) => self.set_groups(name, &groups, link, to),
+            HubCall::Config(name, to) => self.config(name, link, to),
+            HubCall::SetConfig(given, to) => self.set_config(given, link, to),
             HubCall::Remove(name, to) => self.remove(name, link.is_some(), to),
             HubCall::Command(given, to) => self.given(given, link, CommandCaller::Client(to)),
             HubCall::Commands(to) => _ = to.send(view::commands(&self.ledger, &self.bulks)),

@@ -74,7 +74,7 @@ fn signers(files: &HubFiles) -> Result<Signers, Problem> {
 ///
 /// # Errors
 /// The file can't be used.
-fn config_signer(files: &HubFiles) -> Result<Option<ConfigSigner>, Problem> {
+pub(super) fn config_signer(files: &HubFiles) -> Result<Option<ConfigSigner>, Problem> {
     let path = &files.config_signing;
     let seed = match std::fs::read_to_string(path) {
         Ok(seed) => seed,

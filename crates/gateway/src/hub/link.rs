@@ -44,7 +44,7 @@ const COMMANDS_READ: Duration = Duration::from_secs(7 * 24 * 60 * 60);
 /// The longest record of a command, in bytes.
 const COMMAND_MAX: i32 = 256 << 10;
 /// Configurations that sites are to have, and the stream that keeps them.
-const DESIRED_STREAM: &str = "DESIRED";
+pub(super) const DESIRED_STREAM: &str = "DESIRED";
 const DESIRED: &str = "rb.desired.*.*";
 /// The longest of them with its signature, in bytes: the text has 512 KiB at most.
 const DESIRED_MAX: i32 = 516 << 10;
@@ -56,6 +56,8 @@ const REPLICAS: usize = 3;
 pub(super) struct HubFiles {
     /// The addresses of the servers.
     pub(super) servers: Vec<String>,
+    /// The folder of the fleet.
+    pub(super) folder: PathBuf,
     ca: PathBuf,
     pub(super) creds: PathBuf,
     /// The public key of the sites' account, and the keys that sign sites and invitations.
@@ -138,6 +140,8 @@ impl HubFiles {
             site_signing: hub.join("site-signing.nk"),
             join_signing: hub.join("join-signing.nk"),
             config_signing: folder.join(CONFIG_SIGNING),
+            // Commands that help are given elsewhere.
+            folder: folder.canonicalize().unwrap_or_else(|_| folder.to_owned()),
         })
     }
 

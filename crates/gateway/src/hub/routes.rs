@@ -2,6 +2,7 @@
 
 use super::bulk::{self, BULK_BODY_MAX, BulkWanted, GivenBulk, PreviewWanted};
 use super::command::{self, GivenCommand};
+use super::config::{self, CONFIG_BODY_MAX};
 use super::driver::HubCall;
 use super::pages;
 use super::site_api;
@@ -27,7 +28,8 @@ use axum::routing::{any, delete, get, post, put};
 use axum::{Extension, Router};
 use railbus_api::fleet::{
     FleetAccounts, FleetBulkPreview, FleetBulkSites, FleetCommand, FleetCommandEnd, FleetCommands,
-    FleetRemoval, FleetSitePoints, FleetSiteTold, FleetSites, GiveBulk, PreviewBulk, SetSiteGroups,
+    FleetConfig, FleetConfigText, FleetRemoval, FleetSitePoints, FleetSiteTold, FleetSites,
+    GiveBulk, PreviewBulk, SetSiteConfig, SetSiteGroups,
 };
 use railbus_api::problem::{Problem, codes};
 use railbus_app::render::out;
@@ -67,6 +69,28 @@ const ROUTES: &[Route] = &[
             .takes::<SetSiteGroups>()
             .answers::<FleetSiteTold>(),
     ),
+    Route::of_hub("GET", "/sites/{site}/config", Need::ENGINEER, || {
+        get(config::told)
+    })
+    .doc(
+        Doc::new("The configuration that a site is to have, and how far it is")
+            .answers::<FleetConfig>(),
+    ),
+    Route::of_hub("PUT", "/sites/{site}/config", Need::ENGINEER, || {
+        put(config::set).layer(DefaultBodyLimit::max(CONFIG_BODY_MAX))
+    })
+    .doc(
+        Doc::new(
+            "Give a site another configuration. The site tries it for two minutes, and takes it \
+             back unless it works as before. One that is away takes part when it comes",
+        )
+        .takes::<SetSiteConfig>()
+        .answers::<FleetConfig>(),
+    ),
+    Route::of_hub("GET", "/sites/{site}/config/text", Need::ENGINEER, || {
+        get(config::text)
+    })
+    .doc(Doc::new("Ask a site for the configuration that it has now").answers::<FleetConfigText>()),
     Route::of_hub("GET", "/commands", Need::VIEWER, || get(commands))
         .doc(Doc::new("The newest commands to sites, the newest last").answers::<FleetCommands>()),
     Route::of_hub("POST", "/commands/preview", Need::OPERATOR, || {
@@ -136,8 +160,8 @@ const FAR: [&str; 4] = ["/session", "/login", "/logout", "/password"];
 /// What the centre's own handlers need.
 #[derive(Clone, Debug)]
 pub(crate) struct HubApi {
-    calls: Calls,
-    lang: Lang,
+    pub(super) calls: Calls,
+    pub(super) lang: Lang,
     /// Which accounts it has.
     accounts: FleetAccounts,
 }
@@ -270,7 +294,7 @@ async fn commands(State(api): State<HubApi>, headers: HeaderMap) -> Response<Bod
 }
 
 /// The parsed body of a request.
-fn parsed<T: DeserializeOwned>(body: &[u8]) -> Result<T, Problem> {
+pub(super) fn parsed<T: DeserializeOwned>(body: &[u8]) -> Result<T, Problem> {
     body::parse(body)
         .map_err(|error| Problem::new(codes::BAD_REQUEST).with("reason", error.to_string()))
 }
@@ -394,12 +418,12 @@ async fn set_groups(
 }
 
 /// The result of a change: without an answer of the driver it may have been made.
-fn changed<T>(told: Result<Result<T, Problem>, Problem>) -> Result<T, Problem> {
+pub(super) fn changed<T>(told: Result<Result<T, Problem>, Problem>) -> Result<T, Problem> {
     told.map_err(|problem| problem.perhaps_acted(true))?
 }
 
 /// Reports a change of a site, and who made it; also if it may have been made.
-fn note_change(who: &Caller, what: &str, why: Option<&Problem>) {
+pub(super) fn note_change(who: &Caller, what: &str, why: Option<&Problem>) {
     let perhaps = match why {
         None => "",
         Some(problem) if problem.may_have_acted => " (perhaps)",

@@ -83,45 +83,60 @@ impl SiteWay {
     }
 }
 
-/// What a site answers; or why there is no answer.
+/// The answer of a site to a request of this kind, and how long it took; or why there is none.
 ///
 /// # Errors
 /// There is no such site, it is not connected or does not answer in time, or the centre has lost
 /// its own connection.
-pub(super) async fn ask(
+pub(super) async fn send(
     calls: &Calls,
-    site: &str,
-    request: ApiRequest,
-) -> Result<Response<Body>, Problem> {
-    let none = |reason: String| {
-        let problem = Problem::new(codes::SITE_AWAY).with("name", site);
-        problem.with("reason", reason)
-    };
-    let payload = Bytes::from(request.encode_to_vec());
+    (site, what): (&str, &'static str),
+    payload: Bytes,
+) -> Result<(Message, Duration), Problem> {
     let begun = since_boot();
-    let (message, passed) = loop {
+    loop {
         // Each time anew: it may have got another session.
-        let way = call(calls, |to| HubCall::Way(site.to_owned(), to)).await??;
+        let way = call(calls, |to| HubCall::Way(site.to_owned(), what, to)).await??;
         // What was suspended on the way is older, too.
         let sent = since_boot();
         match way.request(payload.clone()).await {
-            Ok(message) => break (message, since_boot().saturating_sub(sent)),
+            Ok(message) => return Ok((message, since_boot().saturating_sub(sent))),
             Err(Unanswered::NotDelivered) => {
                 if since_boot().saturating_sub(begun) > INTEREST {
-                    return Err(none("it is not connected".to_owned()));
+                    return Err(away(site, "it is not connected"));
                 }
                 tokio::time::sleep(INTEREST_STEP).await;
             }
             Err(Unanswered::TimedOut) => {
                 let waited = API_ANSWER_MAX.as_secs();
-                return Err(none(format!("nothing within {waited} s")));
+                return Err(away(site, &format!("nothing within {waited} s")));
             }
             Err(Unanswered::Disconnected) => {
                 return Err(Problem::new(codes::FLEET_ENDED).with("reason", "disconnected"));
             }
-            Err(Unanswered::Failed(reason)) => return Err(none(reason)),
+            Err(Unanswered::Failed(reason)) => return Err(away(site, &reason)),
         }
-    };
+    }
+}
+
+/// A site does not answer, for this reason.
+pub(super) fn away(site: &str, reason: &str) -> Problem {
+    let problem = Problem::new(codes::SITE_AWAY).with("name", site);
+    problem.with("reason", reason)
+}
+
+/// What the API of a site answers; or why there is no answer.
+///
+/// # Errors
+/// As of [`send`], or the site refuses it.
+pub(super) async fn ask(
+    calls: &Calls,
+    site: &str,
+    request: ApiRequest,
+) -> Result<Response<Body>, Problem> {
+    let none = |reason: String| away(site, &reason);
+    let payload = Bytes::from(request.encode_to_vec());
+    let (message, passed) = send(calls, (site, "api"), payload).await?;
     let answer = ApiAnswer::decode(message.payload).map_err(|error| none(error.to_string()))?;
     if let Some(refusal) = answer.refusal {
         return Err(none(shown(&refusal)));

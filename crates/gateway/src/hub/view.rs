@@ -1,6 +1,6 @@
 //! What the centre knows, as its API has it.
 
-use super::bulk;
+use super::{bulk, config};
 use railbus_api::fleet::{
     FleetAttention, FleetCommand, FleetCommandEnd, FleetCommands, FleetPoint, FleetPresence,
     FleetSite, FleetSitePoints,
@@ -72,11 +72,7 @@ pub(super) fn site(view: &SiteView<'_>, clock_s: i64) -> FleetSite {
     let ms = |time: Duration| u64::try_from(time.as_millis()).unwrap_or(u64::MAX);
     FleetSite {
         site: view.name.to_owned(),
-        presence: match view.presence {
-            SitePresence::Online => FleetPresence::Online,
-            SitePresence::Offline => FleetPresence::Offline,
-            SitePresence::Unknown => FleetPresence::Unknown,
-        },
+        presence: presence(view.presence),
         heard_ms: view.heard.map(ms),
         current: view.is_current,
         known_ms: view.vouched.map(ms),
@@ -89,7 +85,17 @@ pub(super) fn site(view: &SiteView<'_>, clock_s: i64) -> FleetSite {
             .map(|at| moment(at.saturating_mul(1_000))),
         duplicate_ms: view.duplicate.map(ms),
         groups: view.groups.to_vec(),
+        config: view.config.map(config::brief),
         attention: view.attention(clock_s).map(attention).collect(),
+    }
+}
+
+/// Whether a site is there.
+pub(super) const fn presence(presence: SitePresence) -> FleetPresence {
+    match presence {
+        SitePresence::Online => FleetPresence::Online,
+        SitePresence::Offline => FleetPresence::Offline,
+        SitePresence::Unknown => FleetPresence::Unknown,
     }
 }
 

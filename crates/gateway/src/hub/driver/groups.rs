@@ -21,7 +21,7 @@ pub(super) struct SetGroups {
 
 impl SetGroups {
     /// The connection is lost: whether they were stored is not known.
-    fn lost(self) {
+    pub(super) fn lost(self) {
         // Fails if the client is gone.
         let _ = self
             .to
@@ -79,13 +79,6 @@ impl Driver {
                 set.lost();
             }
         });
-    }
-
-    /// The connection was lost before this was looked at.
-    pub(super) fn groups_lost(&self, end: StreamEnd) {
-        if let StreamEnd::GroupsStored(set, ..) = end {
-            set.lost();
-        }
     }
 
     /// They were stored, or not.

@@ -6,8 +6,9 @@ use axum::http::Request;
 use http_body_util::BodyExt as _;
 use hyper::service::Service as _;
 use hyper_util::service::TowerToHyperService;
-use railbus_api::fleet::FleetCommandEnd;
+use railbus_api::fleet::{FleetCommandEnd, FleetConfigPhase, FleetConfigState, FleetPresence};
 use railbus_fleet::bulk::BulkTold;
+use railbus_fleet::desired::CONFIG_TEXT_MAX;
 use railbus_fleet::message::ApiAnswer;
 use serde_json::{Value, json};
 use std::net::{IpAddr, Ipv4Addr};
@@ -59,7 +60,7 @@ impl Here {
                         let _ = told.send(intent.map_or_else(|_| String::new(), |it| it.user));
                         let _ = to.send(Err(command::offline("plant7")));
                     }
-                    HubCall::Way(site, to) => {
+                    HubCall::Way(site, _, to) => {
                         let _ = to.send(Err(command::offline(&site)));
                     }
                     HubCall::Remove(site, to) => {
@@ -70,6 +71,13 @@ impl Here {
                         let _ = told.send(format!("{site}: {}", groups.join(" ")));
                         let problem = Problem::new(codes::SITE_CHANGING).with("name", site);
                         let _ = to.send(Err(problem));
+                    }
+                    HubCall::Config(site, to) => {
+                        let _ = to.send(Ok(taken_back(site)));
+                    }
+                    HubCall::SetConfig(given, to) => {
+                        let _ = told.send(format!("{} for {}", given.user, given.site));
+                        let _ = to.send(Err(Problem::new(codes::NO_CONFIG_KEY)));
                     }
                     HubCall::GiveBulk(given, to) => {
                         let (who, sites) = (given.order.user, given.order.sites.join(" "));
@@ -177,6 +185,26 @@ fn refused() -> FleetCommand {
             code: Some(text("E0906")),
             ..FleetCommandEnd::default()
         },
+    }
+}
+
+/// A configuration that a site has taken back.
+fn taken_back(site: String) -> FleetConfig {
+    FleetConfig {
+        schema: 1,
+        site,
+        presence: FleetPresence::Online,
+        wanted: None,
+        state: Some(FleetConfigState {
+            phase: FleetConfigPhase::RolledBack,
+            version: Some(2),
+            kept: None,
+            hash: String::new(),
+            changed_at_site: false,
+            reason: None,
+            problem: Some(Problem::new(codes::CONFIG_TAKEN_BACK)),
+            heard_ms: 0,
+        }),
     }
 }
 
@@ -305,6 +333,84 @@ async fn an_engineer_sets_the_groups_of_a_site() {
         asked.push(told);
     }
     assert_eq!(asked, ["plant7: north hall-9"]);
+}
+
+#[tokio::test]
+async fn an_engineer_configures_a_site() {
+    let mut here = Here::new("config");
+    let path = "/fleet/v1/sites/plant7/config";
+    let at_site = "/fleet/v1/sites/plant7/config/text";
+    let good = json!({ "text": "[line.hall]\nport = \"/dev/ttyS1\"\n" }).to_string();
+    let mut codes = Vec::new();
+    for (name, role, points) in [
+        ("ops", "operator", &[][..]),
+        ("few", "engineer", &["oven.*"]),
+        ("eng", "engineer", &[]),
+    ] {
+        let bearer = format!("Bearer {}", here.token(name, role, points).await);
+        let headers = [("authorization", &*bearer)];
+        for (method, path, body) in [
+            ("GET", path, ""),
+            ("GET", at_site, ""),
+            ("PUT", path, &good),
+        ] {
+            let told = here.send(true, (method, path), &headers, body).await;
+            codes.push(json_of(told).await["code"].clone());
+        }
+    }
+    let none = Value::Null;
+    assert_eq!(codes[..3], ["E0905", "E0905", "E0905"]);
+    // Who is limited to some points may look.
+    assert_eq!(codes[3..6], [none.clone(), json!("E0168"), json!("E0922")]);
+    assert_eq!(codes[6..], [none, json!("E0168"), json!("E0946")]);
+    // Nothing else gets as far as the centre's key.
+    let longest = "\u{1}".repeat(CONFIG_TEXT_MAX);
+    let over = "#".repeat(CONFIG_TEXT_MAX + 1);
+    for (site, body, code) in [
+        ("plant7", String::new(), "E0806"),
+        ("plant7", "{}".to_owned(), "E0806"),
+        ("plant7", r#"{"text":1}"#.to_owned(), "E0806"),
+        ("plant7", r#"{"text":"","seen":-1}"#.to_owned(), "E0806"),
+        (
+            "plant7",
+            r#"{"text":"","replaces":"00"}"#.to_owned(),
+            "E0806",
+        ),
+        ("Plant7", r#"{"text":""}"#.to_owned(), "E0806"),
+        ("plant7", json!({ "text": over }).to_string(), "E0806"),
+        // As long as JSON can make it, and no configuration.
+        ("plant7", json!({ "text": longest }).to_string(), "E0810"),
+        ("plant7", r#"{"text":"[outlet.a]\n"}"#.to_owned(), "E0947"),
+    ] {
+        let path = format!("/fleet/v1/sites/{site}/config");
+        let told = here.send(false, ("PUT", &path), &[], &body).await;
+        let told = json_of(told).await;
+        assert_eq!(told["code"], code, "{site}: {}", told);
+    }
+    let mut asked = Vec::new();
+    while let Ok(told) = here.users.try_recv() {
+        asked.push(told);
+    }
+    assert_eq!(asked, ["token:eng for plant7"]);
+}
+
+#[tokio::test]
+async fn why_a_site_took_a_configuration_back_is_told_in_the_language_of_the_request() {
+    let here = Here::new("taken-back");
+    let path = "/fleet/v1/sites/plant7/config";
+    let mut details = Vec::new();
+    for headers in [
+        &[][..],
+        &[("accept-language", "en")],
+        &[("accept-language", "zh")],
+    ] {
+        let told = json_of(here.send(false, ("GET", path), headers, "").await).await;
+        assert_eq!(told["state"]["phase"], "rolled_back");
+        details.push(told["state"]["problem"]["detail"].clone());
+    }
+    let page = Code::from_name("E0944").unwrap().page();
+    assert_eq!(details[0], Value::Null);
+    assert_eq!(details[1..], [page.title(Lang::En), page.title(Lang::Zh)]);
 }
 
 #[tokio::test]

@@ -158,6 +158,7 @@ mod tests {
             key_until: Some("2027-02-20T00:00:00Z".to_owned()),
             duplicate_ms: None,
             groups: Vec::new(),
+            config: None,
             attention: Vec::new(),
         }
     }
