@@ -6,6 +6,7 @@ const later = (name: keyof typeof import("./later")) => async () => ({ default: 
 export const FLEET_PAGES: readonly Page[] = [
   { path: "/", title: "fleet_sites", load: later("Sites"), icon: "overview", group: 0, role: "viewer", daily: true },
   { path: "/sites/:name", title: "fleet_site", load: later("Site"), role: "viewer" },
+  { path: "/sites/:name/config", title: "fleet_config", load: later("Config"), role: "engineer" },
   { path: "/switch", title: "fleet_switch", load: later("Switch"), role: "operator" },
   { path: "/commands", title: "fleet_commands", load: later("Commands"), icon: "events", group: 0, role: "viewer", daily: true },
   { path: "/commands/:name", title: "fleet_commands", load: later("Order"), role: "viewer" },

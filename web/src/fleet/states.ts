@@ -1,7 +1,7 @@
 // Sites, their points and commands to them in words.
 import { joinList, t, textOr, withDetail } from "../i18n/index.svelte";
 import { span } from "../lib/format";
-import type { FleetBulk, FleetBulkState, FleetCommand, FleetCommandEnd, FleetPoint, FleetSite } from "../api/types";
+import type { FleetBulk, FleetBulkState, FleetCommand, FleetCommandEnd, FleetConfigState, FleetPoint, FleetSite } from "../api/types";
 
 /** How long ago something was that was `ms` ago when it was told. */
 export const agoText = (ms: number, since: number): string =>
@@ -27,6 +27,12 @@ export function valuesText(site: FleetSite, now: boolean): string {
 /** Why it needs attention. */
 export const reasons = (site: FleetSite, now: boolean): string =>
   now ? joinList((site.attention ?? []).map((why) => textOr(`fleet_why_${why}`, why))) : "";
+
+/** How far the configuration of a site is. */
+export function configText(config: Pick<FleetConfigState, "phase" | "version">): string {
+  const word = textOr(`fleet_cfg_${config.phase}`, config.phase);
+  return config.version === undefined ? word : withDetail(word, t("fleet_cfg_version", { n: config.version }));
+}
 
 export function clockText(ahead: number): string {
   const time = span(Math.abs(ahead));
