@@ -303,7 +303,7 @@ def tried(desk, keeps, loses):
 
 def suite():
     """Runs all of it."""
-    tally = Tally()
+    tally = Tally("fleet, configuration")
     with Fleet() as fleet:
         hub = Hub(fleet)
         try:

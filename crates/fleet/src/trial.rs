@@ -242,12 +242,18 @@ impl ConfigTrial {
             }
         };
         let TrialRefusal { reason, problem } = why.unwrap_or_default();
+        let is_centres = match &self.step {
+            TrialStep::Trying(record, ..) | TrialStep::Restoring(record, ..) => {
+                self.file.hash == record.after_hash
+            }
+            _ => self.managed.is_kept(&self.file),
+        };
         ConfigReport {
             phase: phase.into(),
             version,
             kept: self.managed.kept,
             hash: self.file.hash.clone(),
-            is_local: !self.managed.is_kept(&self.file),
+            is_local: !is_centres,
             reason,
             problem,
         }

@@ -24,7 +24,7 @@ pub struct ConfigReport {
     /// The SHA-256 of what the file says, without what only the site itself says.
     #[prost(bytes = "vec", tag = "4")]
     pub hash: Vec<u8>,
-    /// That is not what was kept last.
+    /// That is neither what was kept last nor what is tried.
     #[prost(bool, tag = "5")]
     pub is_local: bool,
     /// Why it is so, in English; empty if there is nothing to say.

@@ -140,7 +140,9 @@ impl Site {
 fn one_with_which_the_site_works_is_kept() {
     let mut site = Site::new();
     assert_eq!(site.0.phase(), ConfigPhase::Unmanaged);
+    assert!(site.0.report().is_local);
     site.tries(3, "new");
+    assert!(!site.0.report().is_local);
     site.1 += TRIAL - S(1);
     site.says(well());
     assert_eq!(site.next(), None);
