@@ -31,7 +31,7 @@ export const reasons = (site: FleetSite, now: boolean): string =>
 /** How far the configuration of a site is. */
 export function configText(config: Pick<FleetConfigState, "phase" | "version">): string {
   const word = textOr(`fleet_cfg_${config.phase}`, config.phase);
-  return config.version === undefined ? word : withDetail(word, t("fleet_cfg_version", { n: config.version }));
+  return config.version === undefined ? word : withDetail(t("fleet_cfg_version", { n: config.version }), word);
 }
 
 export function clockText(ahead: number): string {

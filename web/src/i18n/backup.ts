@@ -3,7 +3,6 @@ import type { Pair } from "./index.svelte";
 /** The configuration, its generations, and what differs. */
 export const backup = {
   config_file: ["File", "文件"],
-  config_text: ["Text of the configuration", "配置内容"],
   config_check: ["Check", "检查"],
   config_save: ["Save and apply", "保存并启用"],
   config_good: ["Valid.", "检查通过。"],
@@ -12,9 +11,7 @@ export const backup = {
     "It was changed elsewhere. Reload it; your text stays in this field until you do.",
     "配置已被他人修改。请重新加载；加载前您的内容仍保留在此。",
   ],
-  config_reload: ["Discard changes", "放弃并重新加载"],
   config_changed: ["changed", "已修改"],
-  problem_at: ["Line {line}, column {column}", "第 {line} 行，第 {column} 列"],
   download: ["Download", "下载"],
   generations: ["History", "历史版本"],
   generations_why: [

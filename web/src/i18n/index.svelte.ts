@@ -1,7 +1,8 @@
 // Texts in the language of the page. Catalogues are pairs of both languages, one file for each
 // domain; a missing key is a type error. Those of `later.ts` are loaded with the pages that need
-// them, those of `fleet.ts` with the pages of a centre, those of `setup.ts` with the first setup:
-// nothing shown earlier may use them.
+// them, those of `fleet.ts` with the pages of a centre, those of `setup.ts` with the first setup,
+// those of `config-text.ts` with the text of a configuration: nothing shown earlier may use them.
+import type { configText } from "./config-text";
 import type { fleet } from "./fleet";
 import { frame } from "./frame";
 import type { later } from "./later";
@@ -15,7 +16,7 @@ export type Pair = readonly [string, string];
 
 const first = { ...frame, ...points, ...lines, ...start };
 
-export type Key = keyof typeof first | keyof typeof fleet | keyof typeof later | keyof typeof setup;
+export type Key = keyof typeof first | keyof typeof configText | keyof typeof fleet | keyof typeof later | keyof typeof setup;
 
 /** The texts loaded so far; pages loaded later add their own. */
 const all: Partial<Record<Key, Pair>> = first;

@@ -36,8 +36,24 @@ pub(super) const NAME: &str = "demo";
 
 /// The server of NATS, where none is named.
 const SERVER: &str = "nats-server";
-/// The sites, and what the centre may switch at each.
-const SITES: [(&str, &[&str]); 3] = [("plant1", &["*"]), ("plant2", &["oven"]), ("plant3", &[])];
+/// The sites, and what the centre may do at each.
+const SITES: [DemoSite; 3] = [
+    DemoSite {
+        name: "plant1",
+        write: &["*"],
+        is_managed: true,
+    },
+    DemoSite {
+        name: "plant2",
+        write: &["oven"],
+        is_managed: true,
+    },
+    DemoSite {
+        name: "plant3",
+        write: &[],
+        is_managed: false,
+    },
+];
 /// The name of the process of the centre.
 const CENTRE: &str = "centre";
 /// For how many hours their invitations are valid.
@@ -50,6 +66,16 @@ const LOOK: Duration = Duration::from_millis(100);
 const END_MAX: Duration = Duration::from_secs(10);
 /// How many lines of the log of a process are shown that has ended.
 const LOG_SHOWN: usize = 5;
+
+/// A site of the demo.
+#[derive(Clone, Copy)]
+struct DemoSite {
+    name: &'static str,
+    /// What the centre may switch there.
+    write: &'static [&'static str],
+    /// The centre may say its configuration.
+    is_managed: bool,
+}
 
 /// Its parser and help.
 pub(super) fn define(lang: Lang) -> Command {
@@ -136,8 +162,8 @@ impl DemoFleet<'_> {
             let node = self.serve_nats(server)?;
             let centre = self.serve_centre().await?;
             let mut sites = Vec::new();
-            for (site, write) in SITES {
-                sites.push((site, self.site(site, write).await?));
+            for site in SITES {
+                sites.push((site.name, self.site(site).await?));
             }
             self.all_online().await?;
             self.say(&node, &centre, &sites)
@@ -227,7 +253,12 @@ impl DemoFleet<'_> {
     }
 
     /// Starts a site, which joins; the link to its pages.
-    async fn site(&mut self, name: &str, write: &[&str]) -> Result<String, Failure> {
+    async fn site(&mut self, site: DemoSite) -> Result<String, Failure> {
+        let DemoSite {
+            name,
+            write,
+            is_managed,
+        } = site;
         let (lang, socket) = (self.context.lang, self.folder.join(name));
         let mut program = self.own()?;
         program.args(["serve", "--demo", "--listen", "127.0.0.1:0", "--socket"]);
@@ -236,7 +267,7 @@ impl DemoFleet<'_> {
         let invitation = enrol::invitation(lang, &self.fleet(), name, HOURS)?
             .0
             .text();
-        let body = json!({ "invitation": invitation });
+        let body = json!({ "invitation": invitation, "managed": is_managed });
         let path = ["outlets", "fleet", "fleet", "join"];
         let daemon = loop {
             // The centre may not be running yet: the invitation stays valid until it is.
