@@ -156,6 +156,7 @@ impl From<ConfigDocument> for WantedConfig {
             version: document.version,
             text: document.text,
             replaces: document.replaces,
+            user: document.user,
         }
     }
 }

@@ -8,6 +8,7 @@
 mod record;
 
 use crate::message::{ConfigPhaseKind, ConfigReport};
+use record::interrupted;
 pub use record::{
     ManagedRecord, Recovery, TrialEnd, TrialEndKind, TrialRecord, part_hash, recover,
 };
@@ -21,6 +22,8 @@ pub const TRIAL: Duration = Duration::from_secs(120);
 const SETTLES: Duration = Duration::from_secs(60);
 /// How long until a write that failed is tried again.
 const AGAIN: Duration = Duration::from_secs(5);
+/// How often that time is doubled for a configuration that is not in the file: to five minutes.
+const LONGER_MAX: u32 = 6;
 
 /// A configuration that the centre wants here. Its signature and its site were checked.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -32,6 +35,8 @@ pub struct WantedConfig {
     /// The hash of a text of the site that it may replace although the centre did not make it;
     /// empty if it may replace none.
     pub replaces: Vec<u8>,
+    /// The name of who wants it.
+    pub user: String,
 }
 
 /// A text of the file.
@@ -59,6 +64,8 @@ pub struct TrialHealth {
     pub lines: BTreeSet<String>,
     /// Those of them whose port is open.
     pub lines_up: BTreeSet<String>,
+    /// Those to which somebody has exclusive access: how they and their modules are is not known.
+    pub lines_lent: BTreeSet<String>,
     /// The modules that are configured and not switched off.
     pub modules: BTreeSet<String>,
     /// Those of them that answer.
@@ -92,7 +99,9 @@ pub enum TrialDone {
     /// The configuration is not accepted, for this reason, with line and column if it has them. The
     /// file is as before.
     Refused(TrialRefusal),
-    /// The disk refuses, for this reason. The file is as before.
+    /// The text before is back: the file, whose other part may have been changed meanwhile.
+    Back(ConfigText),
+    /// It failed for this reason. Whether it was written is not known.
     Failed(String),
     /// The file is another one than the one that was to be replaced, and is left as it is.
     Changed(ConfigText),
@@ -108,7 +117,8 @@ pub enum TrialOutput {
     StoreTrial(TrialRecord),
     /// Replace the first text by the second in the file, durably, and apply it.
     Apply(String, String),
-    /// The same with the text before: it may come back whatever it says.
+    /// Replace what the centre may say in the file, if that is as in the first text, by what the
+    /// second one has of it, durably, and apply it: it may come back whatever it says.
     TakeBack(String, String),
     /// Store this durably.
     StoreManaged(ManagedRecord),
@@ -133,24 +143,26 @@ pub enum ConfigPhase {
     LocalChange(u64),
 }
 
-/// What is going on.
+/// What is going on. Where there is a time, that is when it is tried again.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum TrialStep {
     Idle,
     Checking(WantedConfig),
-    /// The disk refuses it, for this reason; until when.
+    /// It failed for this reason, and is checked again.
     Waiting(WantedConfig, String, Duration),
     StoringTrial(TrialRecord, WantedConfig),
     /// How it works before.
     Applying(TrialRecord, WantedConfig, TrialHealth),
+    /// Whether it was written is not known: what was before comes back, and it waits.
+    Undoing(TrialRecord, WantedConfig, String, Option<Duration>),
     /// Until when, and how it worked before.
     Trying(TrialRecord, Duration, TrialHealth),
-    /// The text before is written; or when that is tried again.
+    /// The text before is written.
     Restoring(TrialRecord, TrialEnd, Option<Duration>),
-    /// The end of the trial is recorded; or when that is tried again.
+    /// The end of the trial is recorded.
     Recording(ManagedRecord, Option<Duration>),
-    /// The record of the trial is deleted; or when that is tried again.
-    Removing(Option<Duration>),
+    /// The record of the trial is deleted; then this one waits, for this reason.
+    Removing(Option<(WantedConfig, String)>, Option<Duration>),
 }
 
 /// The configuration of one site, in one run of it.
@@ -166,8 +178,8 @@ pub struct ConfigTrial {
     step: TrialStep,
     /// A later version that waits.
     next: Option<WantedConfig>,
-    /// One that the disk did not take, for this reason.
-    failed: Option<(WantedConfig, String)>,
+    /// How often in a row it failed.
+    failures: u32,
     outputs: VecDeque<TrialOutput>,
     due: Option<Duration>,
 }
@@ -182,20 +194,13 @@ impl ConfigTrial {
         trial: Option<TrialRecord>,
     ) -> ConfigTrial {
         let at_once = Some(Duration::ZERO);
-        let recovery = recover(&file.text, trial.as_ref(), &managed);
+        let recovery = recover(&file, trial.as_ref(), &managed);
         let step = match (recovery, trial) {
-            (
-                Some(Recovery {
-                    file: Some(_),
-                    managed,
-                }),
-                Some(trial),
-            ) => {
-                let verdict = managed.verdict.unwrap_or_default();
-                TrialStep::Restoring(trial, verdict, at_once)
-            }
-            (Some(_), _) => TrialStep::Removing(at_once),
-            (None, _) => TrialStep::Idle,
+            (Some(Recovery { is_back, managed }), Some(trial)) => match managed.verdict.clone() {
+                Some(verdict) if is_back => TrialStep::Restoring(trial, verdict, at_once),
+                _ => TrialStep::Recording(managed, at_once),
+            },
+            _ => TrialStep::Idle,
         };
         ConfigTrial {
             managed,
@@ -205,7 +210,7 @@ impl ConfigTrial {
             steady: None,
             step,
             next: None,
-            failed: None,
+            failures: 0,
             outputs: VecDeque::new(),
             due: at_once,
         }
@@ -230,6 +235,7 @@ impl ConfigTrial {
                 let kind = match end.kind() {
                     TrialEndKind::Refused => ConfigPhaseKind::Refused,
                     TrialEndKind::RolledBack => ConfigPhaseKind::RolledBack,
+                    TrialEndKind::Interrupted => ConfigPhaseKind::Interrupted,
                     TrialEndKind::Unspecified => ConfigPhaseKind::Unspecified,
                 };
                 let TrialEnd {
@@ -242,16 +248,17 @@ impl ConfigTrial {
             }
         };
         let TrialRefusal { reason, problem } = why.unwrap_or_default();
+        let managed = self.managed();
         let is_centres = match &self.step {
             TrialStep::Trying(record, ..) | TrialStep::Restoring(record, ..) => {
                 self.file.hash == record.after_hash
             }
-            _ => self.managed.is_kept(&self.file),
+            _ => managed.is_kept(&self.file),
         };
         ConfigReport {
             phase: phase.into(),
             version,
-            kept: self.managed.kept,
+            kept: managed.kept,
             hash: self.file.hash.clone(),
             is_local: !is_centres,
             reason,
@@ -264,20 +271,46 @@ impl ConfigTrial {
     pub fn phase(&self) -> ConfigPhase {
         match &self.step {
             TrialStep::Checking(wanted) => ConfigPhase::Pending(wanted.version, String::new()),
-            TrialStep::Waiting(wanted, why, _) => ConfigPhase::Pending(wanted.version, why.clone()),
+            TrialStep::Waiting(wanted, why, _)
+            | TrialStep::Undoing(_, wanted, why, _)
+            | TrialStep::Removing(Some((wanted, why)), _) => {
+                ConfigPhase::Pending(wanted.version, why.clone())
+            }
             TrialStep::StoringTrial(record, _)
             | TrialStep::Applying(record, ..)
             | TrialStep::Trying(record, ..)
             | TrialStep::Restoring(record, ..) => ConfigPhase::Trying(record.version),
-            TrialStep::Idle | TrialStep::Recording(..) | TrialStep::Removing(_) => {
-                match &self.failed {
-                    Some((wanted, why)) => ConfigPhase::Pending(wanted.version, why.clone()),
-                    None => match &self.next {
-                        Some(wanted) => ConfigPhase::Pending(wanted.version, String::new()),
-                        None => self.managed.phase(&self.file),
-                    },
+            TrialStep::Idle | TrialStep::Recording(..) | TrialStep::Removing(None, _) => {
+                match &self.next {
+                    Some(wanted) => ConfigPhase::Pending(wanted.version, String::new()),
+                    None => self.managed().phase(&self.file),
                 }
             }
+        }
+    }
+
+    /// What is recorded, or is being.
+    const fn managed(&self) -> &ManagedRecord {
+        match &self.step {
+            TrialStep::Recording(record, _) => record,
+            _ => &self.managed,
+        }
+    }
+
+    /// Who wants what is checked or applied.
+    #[must_use]
+    pub fn user(&self) -> &str {
+        match &self.step {
+            TrialStep::Checking(wanted)
+            | TrialStep::Waiting(wanted, ..)
+            | TrialStep::StoringTrial(_, wanted)
+            | TrialStep::Applying(_, wanted, _)
+            | TrialStep::Undoing(_, wanted, ..) => &wanted.user,
+            TrialStep::Idle
+            | TrialStep::Trying(..)
+            | TrialStep::Restoring(..)
+            | TrialStep::Recording(..)
+            | TrialStep::Removing(..) => "",
         }
     }
 
@@ -291,13 +324,16 @@ impl ConfigTrial {
     #[must_use]
     pub const fn needs_health(&self) -> bool {
         match self.step {
-            TrialStep::StoringTrial(..) | TrialStep::Applying(..) | TrialStep::Trying(..) => true,
+            TrialStep::StoringTrial(..)
+            | TrialStep::Applying(..)
+            | TrialStep::Trying(..)
+            | TrialStep::Waiting(..) => true,
             TrialStep::Idle => self.next.is_some(),
             TrialStep::Checking(_)
-            | TrialStep::Waiting(..)
+            | TrialStep::Undoing(..)
             | TrialStep::Restoring(..)
             | TrialStep::Recording(..)
-            | TrialStep::Removing(_) => false,
+            | TrialStep::Removing(..) => false,
         }
     }
 
@@ -307,7 +343,7 @@ impl ConfigTrial {
         match input {
             TrialInput::Wanted(wanted) => {
                 let newest = self.next.as_ref().map_or(0, |next| next.version);
-                if wanted.version > newest.max(self.under_way()).max(self.managed.newest()) {
+                if wanted.version > newest.max(self.under_way()).max(self.managed().newest()) {
                     self.next = Some(wanted);
                 }
             }
@@ -315,12 +351,7 @@ impl ConfigTrial {
                 (self.health, self.health_at) = (health, now);
                 self.steady.get_or_insert(now);
             }
-            TrialInput::File(file) => {
-                if self.file != file {
-                    self.steady = Some(now);
-                }
-                self.file = file;
-            }
+            TrialInput::File(file) => self.is_now(now, file),
             TrialInput::Done(done) => self.done(now, done),
         }
     }
@@ -342,84 +373,111 @@ impl ConfigTrial {
     /// The version that is under way.
     fn under_way(&self) -> u64 {
         match &self.step {
-            TrialStep::Recording(record, _) => record.newest(),
-            TrialStep::Idle | TrialStep::Removing(_) => {
-                self.failed.as_ref().map_or(0, |(wanted, _)| wanted.version)
-            }
-            TrialStep::Checking(wanted) | TrialStep::Waiting(wanted, ..) => wanted.version,
+            TrialStep::Idle | TrialStep::Recording(..) | TrialStep::Removing(None, _) => 0,
+            TrialStep::Checking(wanted)
+            | TrialStep::Waiting(wanted, ..)
+            | TrialStep::Removing(Some((wanted, _)), _) => wanted.version,
             TrialStep::StoringTrial(record, _)
             | TrialStep::Applying(record, ..)
+            | TrialStep::Undoing(record, ..)
             | TrialStep::Trying(record, ..)
             | TrialStep::Restoring(record, ..) => record.version,
         }
+    }
+
+    /// The file is this one now. How the site works is to be seen again.
+    fn is_now(&mut self, now: Duration, file: ConfigText) {
+        if self.file != file {
+            self.steady = Some(now);
+        }
+        self.file = file;
     }
 
     /// Does what is due; when something is next.
     fn step(&mut self, now: Duration) -> Option<Duration> {
         let settles = self.settles_at(now);
         match &mut self.step {
-            TrialStep::Idle if self.next.is_some() && settles.is_some() => settles,
-            // A later version takes the place of one that could not be written.
+            // A later version takes the place of one that failed.
             TrialStep::Idle | TrialStep::Waiting(..) if self.next.is_some() => {
+                if settles.is_some() {
+                    return settles;
+                }
                 let wanted = self.next.take()?;
+                self.failures = 0;
                 self.check(wanted);
                 None
             }
             TrialStep::Waiting(wanted, _, due) if *due <= now => {
+                if settles.is_some() {
+                    return settles;
+                }
                 let wanted = wanted.clone();
                 self.check(wanted);
                 None
             }
             TrialStep::Waiting(_, _, due) => Some(*due),
+            // What was changed here during the trial stays; it was not proven.
+            TrialStep::Trying(record, ..) if self.file.hash != record.after_hash => {
+                let verdict = interrupted(record.version);
+                self.record(self.managed.with(verdict));
+                None
+            }
             TrialStep::Trying(record, until, before) => {
                 let panicked = self.health.panics > before.panics;
                 // Not by what was said before: the machine may have been suspended since.
-                if !panicked && self.health_at < *until {
+                let is_over = self.health_at >= *until && self.health.lines_lent.is_empty();
+                if !panicked && !is_over {
                     return None;
                 }
                 let (record, before) = (record.clone(), before.clone());
                 self.judge(record, &before);
                 None
             }
-            TrialStep::Restoring(record, _, again) if again.is_some_and(|due| due <= now) => {
+            TrialStep::Restoring(record, _, again) | TrialStep::Undoing(record, _, _, again)
+                if is_due(*again, now) =>
+            {
                 *again = None;
                 let (from, to) = (record.after.clone(), record.before.clone());
                 self.outputs.push_back(TrialOutput::TakeBack(from, to));
                 None
             }
-            TrialStep::Recording(record, again) if again.is_some_and(|due| due <= now) => {
+            TrialStep::Recording(record, again) if is_due(*again, now) => {
                 *again = None;
                 let record = record.clone();
                 self.outputs.push_back(TrialOutput::StoreManaged(record));
                 None
             }
-            TrialStep::Removing(again) if again.is_some_and(|due| due <= now) => {
+            TrialStep::Removing(_, again) if is_due(*again, now) => {
                 *again = None;
                 self.outputs.push_back(TrialOutput::RemoveTrial);
                 None
             }
             TrialStep::Restoring(_, _, again)
+            | TrialStep::Undoing(_, _, _, again)
             | TrialStep::Recording(_, again)
-            | TrialStep::Removing(again) => *again,
+            | TrialStep::Removing(_, again) => *again,
             _ => None,
         }
     }
 
-    /// When the site works as it did before, at the latest; none if it does.
+    /// When the site works as it did before, at the latest; none if it does. What is lent to
+    /// somebody can't be seen.
     fn settles_at(&self, now: Duration) -> Option<Duration> {
         let TrialHealth {
             lines,
             lines_up,
+            lines_lent,
             modules,
             modules_online,
             ..
         } = &self.health;
         let is_whole = lines.is_subset(lines_up) && modules.is_subset(modules_online);
-        let Some(steady) = self.steady else {
+        match self.steady {
+            _ if !lines_lent.is_empty() => Some(now + AGAIN),
+            Some(steady) => Some(steady + SETTLES).filter(|at| !is_whole && now < *at),
             // Nothing was said of it yet.
-            return Some(now + SETTLES);
-        };
-        Some(steady + SETTLES).filter(|at| !is_whole && now < *at)
+            None => Some(now + AGAIN),
+        }
     }
 
     fn check(&mut self, wanted: WantedConfig) {
@@ -428,10 +486,17 @@ impl ConfigTrial {
         self.step = TrialStep::Checking(wanted);
     }
 
+    /// It waits until it is tried again: twice as long after each time.
+    fn waits(&mut self, now: Duration, wanted: WantedConfig, why: String) {
+        let wait = AGAIN * (1 << self.failures.min(LONGER_MAX));
+        self.failures = self.failures.saturating_add(1);
+        self.step = TrialStep::Waiting(wanted, why, now + wait);
+    }
+
     /// The time of a trial is over, or something panicked.
     fn judge(&mut self, record: TrialRecord, before: &TrialHealth) {
         match fault(before, &self.health) {
-            None => self.record(ManagedRecord::kept(record.version, record.after_hash)),
+            None => self.record(self.managed.kept(record.version, record.after_hash)),
             Some(why) => self.take_back(record, why),
         }
     }
@@ -465,53 +530,39 @@ impl ConfigTrial {
         self.record(self.managed.with(verdict));
     }
 
+    /// It is not in the file: the record of its trial is deleted, and it waits.
+    fn again(&mut self, wanted: WantedConfig, why: String) {
+        self.outputs.push_back(TrialOutput::RemoveTrial);
+        self.step = TrialStep::Removing(Some((wanted, why)), None);
+    }
+
     fn done(&mut self, now: Duration, done: TrialDone) {
         let step = std::mem::replace(&mut self.step, TrialStep::Idle);
         match (step, done) {
-            (TrialStep::Checking(wanted), TrialDone::Checked(after)) => {
-                // It is so already: there is nothing to try.
-                if after.hash == self.file.hash {
-                    return self.record(ManagedRecord::kept(wanted.version, after.hash));
-                }
-                if !self.managed.may_be_replaced(&self.file, &wanted.replaces) {
-                    let reason = "the configuration was changed at the site".to_owned();
-                    let problem = Vec::new();
-                    return self.refuse(wanted.version, TrialRefusal { reason, problem });
-                }
-                let record = TrialRecord {
-                    version: wanted.version,
-                    before: self.file.text.clone(),
-                    after: after.text,
-                    before_hash: self.file.hash.clone(),
-                    after_hash: after.hash,
-                };
-                self.outputs
-                    .push_back(TrialOutput::StoreTrial(record.clone()));
-                self.step = TrialStep::StoringTrial(record, wanted);
-            }
+            (TrialStep::Checking(wanted), TrialDone::Checked(after)) => self.checked(wanted, after),
             (TrialStep::Checking(wanted), TrialDone::Refused(why)) => {
                 self.refuse(wanted.version, why);
             }
             (TrialStep::Checking(wanted), TrialDone::Changed(file)) => {
-                self.file = file;
-                self.check(wanted);
+                self.is_now(now, file);
+                // It may have to settle first.
+                self.step = TrialStep::Waiting(wanted, String::new(), now);
             }
-            (TrialStep::Checking(wanted), TrialDone::Failed(why)) => {
-                self.step = TrialStep::Waiting(wanted, why, now + AGAIN);
-            }
+            (
+                TrialStep::Checking(wanted) | TrialStep::StoringTrial(_, wanted),
+                TrialDone::Failed(why),
+            ) => self.waits(now, wanted, why),
             (TrialStep::StoringTrial(record, wanted), TrialDone::Ok) => {
                 let (from, to) = (record.before.clone(), record.after.clone());
                 self.outputs.push_back(TrialOutput::Apply(from, to));
                 self.step = TrialStep::Applying(record, wanted, self.health.clone());
-            }
-            (TrialStep::StoringTrial(_, wanted), TrialDone::Failed(why)) => {
-                self.step = TrialStep::Waiting(wanted, why, now + AGAIN);
             }
             (TrialStep::Applying(record, _, before), TrialDone::Ok) => {
                 self.file = ConfigText {
                     text: record.after.clone(),
                     hash: record.after_hash.clone(),
                 };
+                self.failures = 0;
                 self.step = TrialStep::Trying(record, now + TRIAL, before);
             }
             (TrialStep::Applying(_, wanted, _), TrialDone::Refused(why)) => {
@@ -519,53 +570,88 @@ impl ConfigTrial {
             }
             // Somebody changed it here meanwhile: it is checked against that.
             (TrialStep::Applying(_, wanted, _), TrialDone::Changed(file)) => {
-                self.file = file;
+                self.is_now(now, file);
                 self.again(wanted, String::new());
             }
-            (TrialStep::Applying(_, wanted, _), TrialDone::Failed(why)) => self.again(wanted, why),
-            (TrialStep::Restoring(record, verdict, None), TrialDone::Ok) => {
-                self.file = ConfigText {
-                    text: record.before,
-                    hash: record.before_hash,
-                };
-                self.record(self.managed.with(verdict));
-            }
-            // Somebody changed it here: that is what counts.
-            (TrialStep::Restoring(_, verdict, None), TrialDone::Changed(file)) => {
-                self.file = file;
-                self.record(self.managed.with(verdict));
+            (TrialStep::Applying(record, wanted, _), TrialDone::Failed(why)) => {
+                let (from, to) = (record.after.clone(), record.before.clone());
+                self.outputs.push_back(TrialOutput::TakeBack(from, to));
+                self.step = TrialStep::Undoing(record, wanted, why, None);
             }
             (
-                TrialStep::Restoring(record, verdict, None),
-                TrialDone::Failed(_) | TrialDone::Refused(_),
-            ) => self.step = TrialStep::Restoring(record, verdict, Some(now + AGAIN)),
+                TrialStep::Undoing(_, wanted, why, None),
+                TrialDone::Back(file) | TrialDone::Changed(file),
+            ) => {
+                self.is_now(now, file);
+                self.again(wanted, why);
+            }
+            (TrialStep::Undoing(record, wanted, why, None), _) => {
+                self.step = TrialStep::Undoing(record, wanted, why, Some(now + AGAIN));
+            }
+            (TrialStep::Restoring(_, verdict, None), TrialDone::Back(file)) => {
+                self.is_now(now, file);
+                self.record(self.managed.with(verdict));
+            }
+            // It is back already, or somebody changed it here: that is what counts.
+            (TrialStep::Restoring(record, verdict, None), TrialDone::Changed(file)) => {
+                let is_back = file.hash == record.before_hash;
+                self.is_now(now, file);
+                self.record(self.managed.with(match is_back {
+                    true => verdict,
+                    false => interrupted(record.version),
+                }));
+            }
+            (TrialStep::Restoring(record, verdict, None), _) => {
+                self.step = TrialStep::Restoring(record, verdict, Some(now + AGAIN));
+            }
             (TrialStep::Recording(record, None), TrialDone::Ok) => {
                 self.managed = record;
                 self.outputs.push_back(TrialOutput::RemoveTrial);
-                self.step = TrialStep::Removing(None);
+                self.step = TrialStep::Removing(None, None);
             }
             (TrialStep::Recording(record, None), _) => {
                 self.step = TrialStep::Recording(record, Some(now + AGAIN));
             }
-            (TrialStep::Removing(None), TrialDone::Ok) => {
-                if let Some((wanted, why)) = self.failed.take() {
-                    self.step = TrialStep::Waiting(wanted, why, now + AGAIN);
+            (TrialStep::Removing(waits, None), TrialDone::Ok) => {
+                if let Some((wanted, why)) = waits {
+                    self.waits(now, wanted, why);
                 }
             }
-            (TrialStep::Removing(None), _) => {
-                self.step = TrialStep::Removing(Some(now + AGAIN));
+            (TrialStep::Removing(waits, None), _) => {
+                self.step = TrialStep::Removing(waits, Some(now + AGAIN));
             }
             // A result that nothing waits for.
             (step, _) => self.step = step,
         }
     }
 
-    /// It was not written: it waits, without the record of its trial.
-    fn again(&mut self, wanted: WantedConfig, why: String) {
-        self.failed = Some((wanted, why));
-        self.outputs.push_back(TrialOutput::RemoveTrial);
-        self.step = TrialStep::Removing(None);
+    /// The file would be this one.
+    fn checked(&mut self, wanted: WantedConfig, after: ConfigText) {
+        // It is so already: there is nothing to try. A version whose trial was left has its end.
+        if after.hash == self.file.hash {
+            return self.record(self.managed.kept(wanted.version, after.hash));
+        }
+        if !self.managed.may_be_replaced(&self.file, &wanted.replaces) {
+            let reason = "the configuration was changed at the site".to_owned();
+            let problem = Vec::new();
+            return self.refuse(wanted.version, TrialRefusal { reason, problem });
+        }
+        let record = TrialRecord {
+            version: wanted.version,
+            before: self.file.text.clone(),
+            after: after.text,
+            before_hash: self.file.hash.clone(),
+            after_hash: after.hash,
+        };
+        self.outputs
+            .push_back(TrialOutput::StoreTrial(record.clone()));
+        self.step = TrialStep::StoringTrial(record, wanted);
     }
+}
+
+/// Whether it is to be tried again by now.
+fn is_due(again: Option<Duration>, now: Duration) -> bool {
+    again.is_some_and(|due| due <= now)
 }
 
 /// What works no longer as it did before; none if all does.

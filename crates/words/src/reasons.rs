@@ -330,6 +330,10 @@ const REASONS: &[[&str; 2]] = &[
         "试用期间站点重启",
     ],
     [
+        "the configuration was changed at the site while it was tried",
+        "试用期间配置在站点本地更改",
+    ],
+    [
         "the configuration was changed at the site",
         "配置已在站点本地更改",
     ],

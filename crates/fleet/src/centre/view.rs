@@ -133,9 +133,10 @@ impl SiteView<'_> {
 
 fn is_not_as_wanted(config: &ConfigReport) -> bool {
     match config.phase() {
-        ConfigPhaseKind::Refused | ConfigPhaseKind::RolledBack | ConfigPhaseKind::LocalChange => {
-            true
-        }
+        ConfigPhaseKind::Refused
+        | ConfigPhaseKind::RolledBack
+        | ConfigPhaseKind::LocalChange
+        | ConfigPhaseKind::Interrupted => true,
         ConfigPhaseKind::Unspecified
         | ConfigPhaseKind::Unmanaged
         | ConfigPhaseKind::Current
@@ -219,7 +220,7 @@ mod tests {
             phase: phase.into(),
             ..ConfigReport::default()
         };
-        let phases = (0..=7).map(|phase| ConfigPhaseKind::try_from(phase).unwrap());
+        let phases = (0..=8).map(|phase| ConfigPhaseKind::try_from(phase).unwrap());
         let told = phases.filter(|phase| {
             let config = report(*phase);
             let with = SiteView {
@@ -235,6 +236,7 @@ mod tests {
             ConfigPhaseKind::Refused,
             ConfigPhaseKind::RolledBack,
             ConfigPhaseKind::LocalChange,
+            ConfigPhaseKind::Interrupted,
         ];
         assert_eq!(told, bad);
         let expired = Some(NOW_S - DAY_S);

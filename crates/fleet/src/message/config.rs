@@ -75,6 +75,8 @@ pub enum ConfigPhaseKind {
     RolledBack = 6,
     /// The file was changed at the site since it was kept.
     LocalChange = 7,
+    /// The file was changed at the site while it was tried.
+    Interrupted = 8,
 }
 
 /// The answer where the centre asks for the configuration of a site.

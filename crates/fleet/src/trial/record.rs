@@ -35,6 +35,9 @@ pub struct ManagedRecord {
     /// What became of a later one, if it was not kept.
     #[prost(message, optional, tag = "3")]
     pub verdict: Option<TrialEnd>,
+    /// The key of the centre, as the settings have it. What another one wanted counts no more.
+    #[prost(string, tag = "4")]
+    pub key: String,
 }
 
 /// Why a version was not kept.
@@ -64,6 +67,8 @@ pub enum TrialEndKind {
     Refused = 1,
     /// It was tried, and the text before came back.
     RolledBack = 2,
+    /// The file was changed at the site while it was tried.
+    Interrupted = 3,
 }
 
 impl ManagedRecord {
@@ -74,11 +79,24 @@ impl ManagedRecord {
     }
 
     /// The same, and this version is kept.
-    pub(super) const fn kept(version: u64, hash: Vec<u8>) -> ManagedRecord {
+    pub(super) fn kept(&self, version: u64, hash: Vec<u8>) -> ManagedRecord {
         ManagedRecord {
             kept: version,
             hash,
             verdict: None,
+            key: self.key.clone(),
+        }
+    }
+
+    /// The record for a centre with this key.
+    #[must_use]
+    pub fn of(self, key: &str) -> ManagedRecord {
+        match self.key == key {
+            true => self,
+            false => ManagedRecord {
+                key: key.to_owned(),
+                ..ManagedRecord::default()
+            },
         }
     }
 
@@ -87,10 +105,11 @@ impl ManagedRecord {
         self.kept > 0 && self.hash == file.hash
     }
 
-    /// Whether a text of the centre may take the place of the file: that is the centre's, or says
-    /// nothing, or is the one that was looked at there, of this hash.
+    /// Whether a text of the centre may take the place of the file: that is the centre's, or is the
+    /// one that was looked at there, of this hash, or is that of a new site and says nothing.
     pub(super) fn may_be_replaced(&self, file: &ConfigText, seen: &[u8]) -> bool {
-        self.is_kept(file) || file.hash == part_hash("") || file.hash == seen
+        let is_new = self.kept == 0 && file.hash == part_hash("");
+        self.is_kept(file) || file.hash == seen || is_new
     }
 
     /// The same, and this one was not.
@@ -118,37 +137,40 @@ pub fn part_hash(part: &str) -> Vec<u8> {
     Sha256::digest(part.as_bytes()).to_vec()
 }
 
-/// What is to be done at the start, in this order, before the file is used: its text is replaced,
-/// the record stored, and the record of the trial deleted.
+/// What is to be done at the start, in this order, before the file is used: what the centre may say
+/// in it is replaced by that of the text before, the record stored, and the record of the trial
+/// deleted.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Recovery {
-    /// The text that the file is to have.
-    pub file: Option<String>,
+    /// The text before comes back.
+    pub is_back: bool,
     /// What is to be stored, and counts from now on.
     pub managed: ManagedRecord,
 }
 
-/// What a start finds: the text of the file, a trial that was not over, and what is recorded. None
-/// if there was no trial.
+/// What a start finds: the file, a trial that was not over, and what is recorded. None if there was
+/// no trial.
 #[must_use]
 pub fn recover(
-    file: &str,
+    file: &ConfigText,
     trial: Option<&TrialRecord>,
     managed: &ManagedRecord,
 ) -> Option<Recovery> {
     let trial = trial?;
-    let as_it_is = Recovery {
-        file: None,
-        managed: managed.clone(),
+    let as_it_is = |managed: ManagedRecord| {
+        Some(Recovery {
+            is_back: false,
+            managed,
+        })
     };
-    // Its end is recorded: only the record of the trial was left.
-    if managed.newest() >= trial.version {
-        return Some(as_it_is);
+    // Its end is recorded: only the record of the trial was left. Or it was not written yet, or is
+    // written no longer: the centre may want it again.
+    if managed.newest() >= trial.version || file.hash == trial.before_hash {
+        return as_it_is(managed.clone());
     }
-    // It was not written yet, or is written no longer: the centre may want it again. Or somebody
-    // has changed it here, and that is what counts.
-    if file != trial.after {
-        return Some(as_it_is);
+    // Somebody has changed it here, and that is what counts.
+    if file.hash != trial.after_hash {
+        return as_it_is(managed.with(interrupted(trial.version)));
     }
     let verdict = TrialEnd {
         version: trial.version,
@@ -157,7 +179,17 @@ pub fn recover(
         problem: Vec::new(),
     };
     Some(Recovery {
-        file: Some(trial.before.clone()),
+        is_back: true,
         managed: managed.with(verdict),
     })
+}
+
+/// The end of a version that was changed at the site while it was tried.
+pub(super) fn interrupted(version: u64) -> TrialEnd {
+    TrialEnd {
+        version,
+        kind: TrialEndKind::Interrupted.into(),
+        reason: "the configuration was changed at the site while it was tried".to_owned(),
+        problem: Vec::new(),
+    }
 }

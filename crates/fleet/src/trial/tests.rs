@@ -13,6 +13,7 @@ fn well() -> TrialHealth {
     TrialHealth {
         lines: names(&["hall", "yard"]),
         lines_up: names(&["hall", "yard"]),
+        lines_lent: names(&[]),
         modules: names(&["oven", "tank"]),
         modules_online: names(&["oven", "tank"]),
         has_session: true,
@@ -25,7 +26,13 @@ fn wanted(version: u64, text: &str) -> WantedConfig {
         version,
         text: text.to_owned(),
         replaces: part_hash("old"),
+        user: "li".to_owned(),
     }
+}
+
+/// The text before is back.
+fn back(text: &str) -> TrialDone {
+    TrialDone::Back(file(text))
 }
 
 /// A file of which the centre may say all.
@@ -126,8 +133,8 @@ impl Site {
 
     /// It is taken back; why.
     fn takes_back(&mut self) -> String {
-        let back = TrialOutput::TakeBack("new".to_owned(), "old".to_owned());
-        assert_eq!(self.does(TrialDone::Ok), back);
+        let output = TrialOutput::TakeBack("new".to_owned(), "old".to_owned());
+        assert_eq!(self.does(back("old")), output);
         let verdict = self.ends().verdict.expect("there is one");
         assert_eq!(verdict.kind(), TrialEndKind::RolledBack);
         assert_eq!(self.0.phase(), ConfigPhase::Ended(verdict.clone()));
@@ -334,14 +341,21 @@ fn a_disk_that_refuses_is_tried_again() {
     site.1 += AGAIN;
     site.checks("new");
     site.does(TrialDone::Ok);
-    // The file itself: the record of the trial must not stay.
+    // The file itself: it may have been written, and the record of the trial must not stay.
     site.does(full());
+    let output = TrialOutput::TakeBack("new".to_owned(), "old".to_owned());
+    assert_eq!(site.does(full()), output);
+    site.1 += AGAIN;
+    assert_eq!(site.does(TrialDone::Changed(file("old"))), output);
     assert_eq!(site.does(TrialDone::Ok), TrialOutput::RemoveTrial);
     assert_eq!((site.next(), site.0.file().text.as_str()), (None, "old"));
     assert_eq!(
         site.0.phase(),
         ConfigPhase::Pending(3, "disk full".to_owned())
     );
+    // Twice as long as before.
+    site.1 += AGAIN;
+    assert_eq!(site.next(), None);
     site.1 += AGAIN;
     site.checks("new");
     site.does(TrialDone::Ok);
@@ -358,8 +372,7 @@ fn a_disk_that_refuses_is_tried_again() {
         );
         site.1 += AGAIN;
     }
-    let back = TrialOutput::TakeBack("new".to_owned(), "old".to_owned());
-    assert_eq!(site.does(TrialDone::Ok), back);
+    assert_eq!(site.does(back("old")), output);
     assert!(matches!(site.does(full()), TrialOutput::StoreManaged(_)));
     site.1 += AGAIN;
     assert!(matches!(
@@ -409,9 +422,10 @@ fn what_is_changed_here_is_not_overwritten_unseen() {
         has_session: false,
         ..well()
     });
-    // A change during the trial stays.
+    // A change during the trial stays, and is not said to be what was before.
     site.does(TrialDone::Changed(file("by hand again")));
-    site.ends();
+    let verdict = site.ends().verdict.expect("there is one");
+    assert_eq!(verdict.kind(), TrialEndKind::Interrupted);
     assert_eq!(site.0.file().text, "by hand again");
 }
 
@@ -454,17 +468,154 @@ fn a_trial_that_was_left_is_taken_back() {
             S(100),
         )
     };
-    assert_eq!(
-        begin("new").takes_back(),
-        "the site was restarted while it was tried"
+    let why = "the site was restarted while it was tried";
+    assert_eq!(begin("new").takes_back(), why);
+    // What only the site says was changed meanwhile: the rest is what it was.
+    let other = ConfigText {
+        text: "own and new".to_owned(),
+        hash: part_hash("new"),
+    };
+    let mut site = Site(
+        ConfigTrial::new(ManagedRecord::default(), other, Some(trial.clone())),
+        S(100),
     );
-    for other in ["old", "by hand"] {
-        let mut site = begin(other);
-        assert_eq!(site.does(TrialDone::Ok), TrialOutput::RemoveTrial);
-        assert_eq!(
-            (site.next(), site.0.phase()),
-            (None, ConfigPhase::Unmanaged)
-        );
+    assert_eq!(site.takes_back(), why);
+    // It was not written.
+    let mut site = begin("old");
+    assert_eq!(site.ends(), ManagedRecord::default());
+    assert_eq!(site.0.phase(), ConfigPhase::Unmanaged);
+    // It was changed by hand, and has its end: it is not found to be so already.
+    let mut site = begin("by hand");
+    let verdict = site.ends().verdict.expect("there is one");
+    assert_eq!(
+        (verdict.version, verdict.kind()),
+        (3, TrialEndKind::Interrupted)
+    );
+    site.wants(3, "by hand");
+    assert_eq!(site.next(), None);
+}
+
+/// It is neither kept nor said to be taken back.
+#[test]
+fn what_is_changed_at_the_site_during_a_trial_ends_it() {
+    let mut site = Site::new();
+    site.tries(3, "new");
+    site.1 += S(10);
+    // Its other part may change.
+    let other = ConfigText {
+        text: "own and new".to_owned(),
+        hash: part_hash("new"),
+    };
+    site.0.handle(site.1, TrialInput::File(other));
+    site.says(well());
+    assert_eq!(site.next(), None);
+    site.0.handle(site.1, TrialInput::File(file("old")));
+    let record = site.ends();
+    let verdict = record.verdict.expect("there is one");
+    assert_eq!(
+        (record.kept, verdict.kind()),
+        (0, TrialEndKind::Interrupted)
+    );
+    assert_eq!(site.0.report().phase(), ConfigPhaseKind::Interrupted);
+}
+
+/// A text that was written although that was said to have failed is not kept untried.
+#[test]
+fn what_may_have_been_written_comes_back_first() {
+    let mut site = Site::new();
+    site.wants(3, "new");
+    site.checks("new");
+    site.does(TrialDone::Ok);
+    site.does(TrialDone::Failed("stopping".to_owned()));
+    let output = TrialOutput::TakeBack("new".to_owned(), "old".to_owned());
+    assert_eq!(site.does(back("old")), output);
+    assert_eq!(site.does(TrialDone::Ok), TrialOutput::RemoveTrial);
+    assert_eq!(site.next(), None);
+    site.1 += AGAIN;
+    site.checks("new");
+}
+
+/// While the end is recorded, however long that takes, it is said as it is.
+#[test]
+fn the_end_is_told_before_it_is_recorded() {
+    let mut site = Site::new();
+    site.tries(3, "new");
+    let one = TrialHealth {
+        lines_up: names(&["hall"]),
+        ..well()
+    };
+    site.after_trial(one);
+    site.takes_back();
+    site.says(well());
+    site.tries(4, "new");
+    site.after_trial(well());
+    assert!(matches!(
+        site.does(TrialDone::Failed("disk full".to_owned())),
+        TrialOutput::StoreManaged(_)
+    ));
+    let report = site.0.report();
+    assert_eq!(
+        (report.phase(), report.version),
+        (ConfigPhaseKind::Current, 4)
+    );
+    assert_eq!((report.kept, report.is_local), (4, false));
+}
+
+/// The site is not whole yet after the one before was taken back, or while a line is lent.
+#[test]
+fn the_next_one_waits_until_the_site_works_again() {
+    let dead = || TrialHealth {
+        lines_up: names(&[]),
+        modules_online: names(&[]),
+        ..well()
+    };
+    let mut site = Site::new();
+    site.tries(3, "new");
+    site.wants(4, "newer");
+    site.after_trial(dead());
+    site.takes_back_then_waits();
+    site.says(dead());
+    assert_eq!(site.next(), None);
+    site.says(well());
+    assert!(matches!(site.next(), Some(TrialOutput::Check(..))));
+    // One that failed waits for it, too.
+    let mut site = Site::new();
+    site.wants(3, "new");
+    site.does(TrialDone::Failed("disk full".to_owned()));
+    site.0.handle(site.1, TrialInput::File(file("older")));
+    site.1 += AGAIN;
+    site.says(dead());
+    assert_eq!(site.next(), None);
+    site.1 += SETTLES;
+    site.says(dead());
+    assert!(matches!(site.next(), Some(TrialOutput::Check(..))));
+    // A line that is lent can't be seen, however long.
+    let lent = || TrialHealth {
+        lines_lent: names(&["hall"]),
+        ..dead()
+    };
+    let mut site = Site::new();
+    site.1 += S(1_000);
+    site.says(lent());
+    site.wants(3, "new");
+    assert_eq!(site.next(), None);
+    site.says(well());
+    site.checks("new");
+    site.does(TrialDone::Ok);
+    site.does(TrialDone::Ok);
+    site.after_trial(lent());
+    assert_eq!(site.next(), None);
+    site.1 += S(300);
+    site.says(well());
+    assert_eq!(site.ends().kept, 3);
+}
+
+impl Site {
+    /// What was tried is taken back, and another one waits.
+    fn takes_back_then_waits(&mut self) {
+        let output = TrialOutput::TakeBack("new".to_owned(), "old".to_owned());
+        assert_eq!(self.does(back("old")), output);
+        self.ends();
     }
 }
 
@@ -496,13 +647,33 @@ fn one_that_is_there_already_needs_no_trial() {
 fn a_start_leaves_what_was_changed_here() {
     let trial = left();
     let managed = ManagedRecord::default();
-    let found = |file| recover(file, Some(&trial), &managed).expect("there was a trial");
-    assert_eq!(found("by hand").file, None);
+    let found = |text: &str| {
+        let found = recover(&file(text), Some(&trial), &managed);
+        let Recovery { is_back, managed } = found.expect("there was a trial");
+        let verdict = managed.verdict.map(|verdict| verdict.kind());
+        (is_back, verdict)
+    };
+    assert_eq!(found("by hand"), (false, Some(TrialEndKind::Interrupted)));
     // It was not written yet: the centre may want it again.
-    assert_eq!(found("old"), found("by hand"));
-    assert_eq!(found("old").managed, managed);
-    let back = found("new");
-    assert_eq!(back.file.as_deref(), Some("old"));
-    assert_eq!(back.managed.newest(), 3);
-    assert_eq!(recover("new", None, &managed), None);
+    assert_eq!(found("old"), (false, None));
+    assert_eq!(found("new"), (true, Some(TrialEndKind::RolledBack)));
+    assert_eq!(recover(&file("new"), None, &managed), None);
+    // Its end is recorded.
+    let ended = ManagedRecord::default().kept(3, part_hash("new"));
+    let left_over = recover(&file("new"), Some(&trial), &ended);
+    assert_eq!(
+        left_over,
+        Some(Recovery {
+            is_back: false,
+            managed: ended
+        })
+    );
+}
+
+#[test]
+fn what_another_centre_wanted_counts_no_more() {
+    let of_one = ManagedRecord::default().of("V1").kept(3, part_hash("new"));
+    assert_eq!(of_one.clone().of("V1"), of_one);
+    let of_other = of_one.of("V2");
+    assert_eq!((of_other.kept, of_other.key.as_str()), (0, "V2"));
 }
