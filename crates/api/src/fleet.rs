@@ -210,7 +210,8 @@ pub enum FleetConfigPhase {
     Other,
 }
 
-/// `GET /fleet/v1/sites/{site}/config`: the configuration that a site is to have, and how far it is.
+/// `GET /fleet/v1/sites/{site}/config`: the configuration that a site is to have, and how far it
+/// is.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct FleetConfig {
     /// The version of the API.

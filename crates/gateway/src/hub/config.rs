@@ -30,7 +30,7 @@ use railbus_fleet::message::{
 };
 use railbus_fleet::trial::part_hash;
 use railbus_site::Config;
-use railbus_site::config::change::keys_of;
+use railbus_site::config::part::{PartError, with_part};
 use railbus_words::Lang;
 use std::time::Duration;
 
@@ -39,8 +39,6 @@ use std::time::Duration;
 pub(super) const CONFIG_BODY_MAX: usize = 8 * CONFIG_TEXT_MAX;
 /// The length of a hash, in bytes.
 const HASH_LEN: usize = 32;
-/// Tables that only a site itself says, besides those of integrations.
-const OWN: [&str; 3] = ["audit", "ports", "webhooks"];
 
 /// A configuration that somebody wants a site to have. What can be said without knowing the site
 /// was checked.
@@ -108,10 +106,8 @@ impl GivenConfig {
                 false => Ok(0),
             };
         };
-        // While one is tried, what the site has is the centre's.
-        let is_own = report.is_local && report.phase() != ConfigPhaseKind::Trying;
         let may_be_replaced = report.hash == self.replaces || report.hash == part_hash("");
-        match is_own && !may_be_replaced {
+        match report.is_local && !may_be_replaced {
             true => Err(why(codes::SITE_CONFIG_CHANGED)),
             false => Ok(report.version.max(report.kept)),
         }
@@ -140,12 +136,10 @@ fn check(lang: Lang, file: &str, text: &str) -> Result<(), Problem> {
 
 /// The tables of a text that only a site itself says; none if it is no TOML.
 fn own_tables(text: &str) -> Vec<String> {
-    let tables = keys_of(text, &[]).unwrap_or_default().into_iter();
-    let is_own = |name: &str| OWN.contains(&name) || northbound::is_outlet(&format!("{name}.any"));
-    tables
-        .map(|(name, _)| name)
-        .filter(|name| is_own(name))
-        .collect()
+    match with_part("", text) {
+        Err(PartError::Own(tables)) => tables,
+        Ok(_) | Err(PartError::Syntax(..)) => Vec::new(),
+    }
 }
 
 /// The bytes of a hash.
