@@ -378,6 +378,18 @@ const REASONS: &[[&str; 2]] = &[
     ],
     ["no server says that it took it", "没有服务器确认接受"],
     [
+        "the configuration has more than 512 KiB",
+        "配置超过 512 KiB",
+    ],
+    [
+        "the newest configuration can't be read",
+        "无法读取最近下发的配置",
+    ],
+    [
+        "this is no seed of a key that signs configurations",
+        "不是签署配置的密钥",
+    ],
+    [
         "stream did not contain valid UTF-8",
         "不是有效的 UTF-8 文本",
     ],
