@@ -105,6 +105,11 @@ impl Answer {
         header.to_str().ok()?.parse().ok()
     }
 
+    /// The request was not just a query.
+    pub(super) const fn acts(&self) -> bool {
+        self.acts
+    }
+
     /// The whole body; an error if the daemon reports a problem.
     pub(super) async fn whole(self) -> Result<Bytes, Problem> {
         let status = self.response.status();

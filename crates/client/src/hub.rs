@@ -4,8 +4,9 @@ use super::http::{Answer, Asked, send, send_asked};
 use super::{api_path, plain, read};
 use hyper::Method;
 use railbus_api::fleet::{
-    FleetAccounts, FleetBulkPreview, FleetBulkSites, FleetCommands, FleetRemoval, FleetSitePoints,
-    FleetSiteTold, FleetSites, GiveBulk, PreviewBulk, SetSiteGroups,
+    FleetAccounts, FleetBulkPreview, FleetBulkSites, FleetCommands, FleetConfig, FleetConfigText,
+    FleetRemoval, FleetSitePoints, FleetSiteTold, FleetSites, GiveBulk, PreviewBulk, SetSiteConfig,
+    SetSiteGroups,
 };
 use railbus_api::problem::{Problem, codes};
 use railbus_app::socket;
@@ -13,6 +14,10 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use tokio::net::UnixStream;
+
+/// Where answers have the text of a configuration.
+const WANTED_TEXT: &str = "/wanted/text";
+const TEXT: &str = "/text";
 
 /// The centre behind a socket. Requests fail with the problem that it reports, or with
 /// [`codes::DAEMON`] if it can't be reached.
@@ -89,6 +94,41 @@ impl HubClient {
     /// There is no such site, or the centre can't be reached.
     pub async fn site(&self, name: &str) -> Result<FleetSitePoints, Problem> {
         self.get(&format!("/fleet/v1/sites/{name}")).await
+    }
+
+    /// The configuration that a site is to have, and how far it is.
+    ///
+    /// # Errors
+    /// There is no such site, or the centre can't be reached.
+    pub async fn config(&self, site: &str) -> Result<FleetConfig, Problem> {
+        let path = format!("/fleet/v1/sites/{site}/config");
+        let answer = send(&self.socket, Method::GET, &path, Vec::new()).await;
+        self.told_with(answer, WANTED_TEXT).await
+    }
+
+    /// Gives a site another configuration.
+    ///
+    /// # Errors
+    /// It can't be one, the site takes none, or it was not stored, or that is not known.
+    pub async fn set_config(
+        &self,
+        site: &str,
+        wanted: &SetSiteConfig,
+    ) -> Result<FleetConfig, Problem> {
+        let body = serde_json::to_vec(wanted).unwrap_or_default();
+        let path = format!("/fleet/v1/sites/{site}/config");
+        let answer = send(&self.socket, Method::PUT, &path, body).await;
+        self.told_with(answer, WANTED_TEXT).await
+    }
+
+    /// The configuration that a site has now.
+    ///
+    /// # Errors
+    /// It is not connected or takes none from the centre, or the centre can't be reached.
+    pub async fn config_text(&self, site: &str) -> Result<FleetConfigText, Problem> {
+        let path = format!("/fleet/v1/sites/{site}/config/text");
+        let answer = send(&self.socket, Method::GET, &path, Vec::new()).await;
+        self.told_with(answer, TEXT).await
     }
 
     /// Removes a site that is offline.
@@ -209,6 +249,24 @@ impl HubClient {
         self.told(said)
     }
 
+    /// What it tells, with the text at this place as it is: whoever prints that looks at it.
+    async fn told_with<T: DeserializeOwned>(
+        &self,
+        answer: Result<Answer, Problem>,
+        place: &str,
+    ) -> Result<T, Problem> {
+        let answer = answer.map_err(unreached)?;
+        let acts = answer.acts();
+        let body = answer.whole().await?;
+        // If something was to be done, it was.
+        let said = read(&self.socket, &body).map(|said| plain_but(said, place));
+        let said = said.and_then(|said: Value| {
+            let said = serde_json::to_vec(&said).unwrap_or_default();
+            read(&self.socket, &said)
+        });
+        said.map_err(|problem: Problem| problem.perhaps_acted(acts))
+    }
+
     /// What it tells, some of which sites said.
     fn told<T: DeserializeOwned>(&self, said: Value) -> Result<T, Problem> {
         let said = serde_json::to_vec(&plain(said)).unwrap_or_default();
@@ -221,5 +279,35 @@ pub(crate) fn unreached(problem: Problem) -> Problem {
     match problem.code == codes::DAEMON.code {
         true => problem.with_hint("railbus fleet serve DIR"),
         false => problem,
+    }
+}
+
+/// Without characters that control a terminal, but in the text at this place.
+fn plain_but(mut said: Value, place: &str) -> Value {
+    let text = said.pointer_mut(place).map(Value::take);
+    let mut said = plain(said);
+    if let (Some(text), Some(at)) = (text, said.pointer_mut(place)) {
+        *at = text;
+    }
+    said
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn a_configuration_keeps_its_lines_and_nothing_else_does() {
+        let said = |text: &str| json!({ "site": "a\u{1b}[2J", "wanted": { "text": text } });
+        let told = plain_but(said("a = 1\n\tb\u{1b}"), WANTED_TEXT);
+        assert_eq!(
+            told,
+            json!({ "site": "a[2J", "wanted": { "text": "a = 1\n\tb\u{1b}" } })
+        );
+        // There is none.
+        for none in [json!({ "site": "a" }), json!([]), json!(null)] {
+            assert_eq!(plain_but(none.clone(), WANTED_TEXT), none);
+        }
     }
 }
