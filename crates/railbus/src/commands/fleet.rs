@@ -1,6 +1,8 @@
 //! `railbus fleet`: many sites behind one centre.
 
 mod commands;
+mod config;
+mod config_key;
 mod creds;
 #[cfg(feature = "fleet")]
 mod demo;
@@ -46,7 +48,8 @@ pub(crate) fn define(lang: Lang) -> Command {
         .subcommand(init::define(lang))
         .subcommand(enrol::define(lang))
         .subcommand(join::define(lang))
-        .subcommand(creds::define(lang));
+        .subcommand(creds::define(lang))
+        .subcommand(config_key::define(lang));
     #[cfg(feature = "fleet")]
     let group = group
         .subcommand(demo::define(lang))
@@ -56,12 +59,13 @@ pub(crate) fn define(lang: Lang) -> Command {
         .subcommand(ls::define(lang))
         .subcommand(get::define(lang))
         .subcommand(set::define(lang))
+        .subcommand(config::define(lang))
         .subcommand(group::define(lang))
         .subcommand(remove::define(lang))
         .subcommand(commands::define(lang))
 }
 
-fn verb(lang: Lang, name: &'static str, about: FleetText, usage: &'static str) -> Command {
+fn verb(lang: Lang, name: &'static str, about: impl Phrase, usage: &'static str) -> Command {
     let examples = args::examples(lang, FleetText::Examples);
     args::verb(lang, name, about, usage).before_help(examples)
 }
@@ -82,6 +86,7 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         enrol::NAME => enrol::run(&context, matches),
         join::NAME => join::run(&context, matches),
         creds::NAME => creds::run(&context, matches),
+        config_key::NAME => config_key::run(&context, matches),
         #[cfg(feature = "fleet")]
         demo::NAME => demo::run(&context, matches),
         #[cfg(feature = "fleet")]
@@ -89,6 +94,7 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         #[cfg(feature = "fleet")]
         serve::NAME => serve::run(lang, matches),
         ls::NAME => ls::run(&context, matches),
+        config::NAME => config::run(&context, matches),
         group::NAME => group::run(&context, matches),
         remove::NAME => remove::run(&context, matches),
         set::NAME => set::run(&context, matches),

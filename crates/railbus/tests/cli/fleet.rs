@@ -36,6 +36,9 @@ fn a_fleet_is_made_whole_and_left_alone_afterwards() {
         (&"plant7".into(), &to.as_str().into())
     );
     assert_eq!(mode(&creds), 0o600);
+    // A new fleet has one.
+    let key = one(&format!("fleet config-key {at}"));
+    assert_eq!(key["made"], false);
     forms.all_seen();
 
     let before = std::fs::read_to_string(&creds).expect("it is there");
@@ -117,4 +120,111 @@ fn a_link_for_the_first_user_needs_a_centre_that_listens() {
         try_it.contains("railbus fleet serve") && try_it.contains("--listen"),
         "{try_it}"
     );
+}
+
+#[test]
+fn a_fleet_without_a_key_for_configurations_gets_one_and_keeps_it() {
+    let site = Site::empty("fleet-config-key");
+    let acme = site.folder.join("acme");
+    let at = acme.display().to_string();
+    assert_eq!(site.run(&format!("fleet init {at} --nats a")).code, 0);
+    let file = acme.join("hub/config-signing.nk");
+    let line = format!("fleet config-key {at}");
+    let first = site.run(&line);
+    let is_key = |text: &str| text.len() == 57 && text.starts_with('V') && text.ends_with('\n');
+    assert!(first.code == 0 && is_key(&first.out), "{first:?}");
+    assert_eq!(first.err, "");
+
+    std::fs::remove_file(&file).expect("it is there");
+    let made = site.run(&line);
+    assert!(made.code == 0 && is_key(&made.out), "{made:?}");
+    assert_ne!(made.out, first.out);
+    assert!(made.err.contains("the key is new"), "{made:?}");
+    assert_eq!(mode(&file), 0o600);
+    let seed = std::fs::read_to_string(&file).expect("it is there");
+    for _ in 0..2 {
+        let again = site.run(&line);
+        assert_eq!((&again.out, again.err.as_str()), (&made.out, ""));
+    }
+    assert_eq!(std::fs::read_to_string(&file).expect("it is there"), seed);
+
+    // What is no key is not replaced by one.
+    let other = acme.join("hub/site-signing.nk");
+    for text in [
+        std::fs::read_to_string(other).expect("it is there"),
+        String::new(),
+    ] {
+        std::fs::write(&file, &text).expect("it can be written");
+        let broken = site.run(&format!("{line} -o json"));
+        assert_eq!((broken.code, &broken.error()["code"]), (1, &"E0160".into()));
+        let why = broken.error()["why"][0].to_string();
+        assert!(why.contains("config-signing.nk"), "{why}");
+        assert_eq!(std::fs::read_to_string(&file).expect("it is there"), text);
+    }
+    // Nor is one made where there is no fleet.
+    let none = site.folder.join("none");
+    let none_there = site.run(&format!("fleet config-key {}", none.display()));
+    assert_eq!(none_there.code, 1, "{none_there:?}");
+    assert!(!none.exists());
+}
+
+#[test]
+fn two_commands_make_one_key() {
+    let site = Site::empty("fleet-config-keys");
+    let acme = site.folder.join("acme");
+    let at = acme.display().to_string();
+    assert_eq!(site.run(&format!("fleet init {at} --nats a")).code, 0);
+    std::fs::remove_file(acme.join("hub/config-signing.nk")).expect("it is there");
+    let begun: Vec<_> = (0..8)
+        .map(|_| {
+            let mut command = site.command();
+            command.args(["fleet", "config-key", &at]);
+            command.stdout(std::process::Stdio::piped());
+            command.stderr(std::process::Stdio::piped());
+            command.spawn().expect("railbus starts")
+        })
+        .collect();
+    let keys: std::collections::BTreeSet<Vec<u8>> = begun
+        .into_iter()
+        .map(|child| child.wait_with_output().expect("it ends").stdout)
+        .collect();
+    assert_eq!(keys.len(), 1, "{keys:?}");
+}
+
+#[test]
+fn what_is_no_order_for_a_configuration_asks_nobody() {
+    let site = Site::empty("fleet-config");
+    let file = site.folder.join("plant7.toml");
+    std::fs::write(&file, "").expect("it can be written");
+    let file = file.display().to_string();
+    for line in [
+        "fleet config".to_owned(),
+        "fleet config Plant7".to_owned(),
+        "fleet config a/b".to_owned(),
+        "fleet config plant7 --replace".to_owned(),
+        "fleet config plant7 --no-wait".to_owned(),
+        "fleet config plant7 --text --wanted".to_owned(),
+        format!("fleet config plant7 {file} --text"),
+        format!("fleet config plant7 {file} --wanted"),
+        format!("fleet config plant7 {file} {file}"),
+        format!("fleet config Plant7 {file}"),
+        "fleet config-key".to_owned(),
+    ] {
+        let ran = site.run(&line);
+        assert_eq!((ran.code, ran.out.as_str()), (2, ""), "{line}: {ran:?}");
+    }
+    // A file that can't be read, before a centre that is not there.
+    let missing = site.run(&format!("fleet config plant7 {file}.none -o json"));
+    assert_eq!(missing.error()["code"], "E0160", "{missing:?}");
+    let socket = site.folder.join("none.sock").display().to_string();
+    for line in [
+        "fleet config plant7".to_owned(),
+        "fleet config plant7 --text".to_owned(),
+        format!("fleet config plant7 {file}"),
+    ] {
+        let ran = site.run(&format!("{line} --socket {socket} -o json"));
+        assert_eq!(ran.error()["code"], "E0109", "{line}: {ran:?}");
+        let hint = ran.error()["hint"][0].to_string();
+        assert!(hint.contains("railbus fleet serve"), "{line}: {hint}");
+    }
 }

@@ -174,7 +174,7 @@ fn counted(lang: Lang, bulk: &FleetBulk) -> String {
 }
 
 /// A time by the clock of this machine.
-fn when(at: &str) -> String {
+pub(super) fn when(at: &str) -> String {
     match at.parse::<jiff::Timestamp>() {
         Ok(at) => time::date_and_clock(at.as_millisecond()),
         Err(_) => at.to_owned(),

@@ -213,7 +213,7 @@ press Ctrl-C to stop",
     Group {
         en: "Set the groups that a site is in, also before it joins; without one it is in none. \
             railbus fleet ls --group lists the sites of a group.",
-        zh: "设置站点所属的分组，可在加入前设置；不给出则不属于任何分组。railbus fleet ls --group 列出分组的站点。",
+        zh: "设置站点所属分组，可在加入前设置；不给出则不属于任何分组。railbus fleet ls --group 列出分组的站点。",
     }
     Groups {
         en: "Groups, 16 at most: each 1 to 64 of a-z, 0-9, - and _",
