@@ -205,6 +205,8 @@ pub enum FleetConfigPhase {
     RolledBack,
     /// The configuration was changed at the site since it was kept.
     LocalChange,
+    /// The configuration was changed at the site while it was tried: it is neither kept nor back.
+    Interrupted,
     /// Something that this program does not know.
     #[serde(other)]
     Other,

@@ -296,7 +296,7 @@ pub mod codes {
         CONFIG_TAKEN_BACK = "E0944", 409;
         /// Also `reason`.
         CONFIG_UNTRUSTED = "E0945", 403;
-        /// Also `path`.
+        /// Also `path`, at the centre.
         NO_CONFIG_KEY = "E0946", 503;
         /// Also `reason`: the tables.
         SITE_OWN = "E0947", 403;

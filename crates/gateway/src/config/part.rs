@@ -14,7 +14,7 @@ use railbus_api::problem::{Problem, codes};
 use railbus_app::api::failures::bad_config;
 use railbus_site::Config;
 use railbus_site::config::keeper::etag;
-use railbus_site::config::part::{PartError, with_part};
+use railbus_site::config::part::{PartError, own_differences, part_of, taken_back, with_part};
 use railbus_words::Lang;
 use std::sync::Arc;
 use tokio::sync::{mpsc, oneshot, watch};
@@ -24,7 +24,7 @@ const CALLS_MAX: usize = 16;
 /// What the text of a centre is called in what is wrong with it.
 const NAME: &str = "config";
 
-/// Why the file is as it was.
+/// Why a text is not in force.
 #[cfg_attr(
     not(feature = "fleet"),
     expect(dead_code, reason = "the other kinds have no centre")
@@ -33,9 +33,9 @@ const NAME: &str = "config";
 pub(crate) enum NotApplied {
     /// It has this text, and not the one that was to be replaced.
     Other(String),
-    /// The new text is not accepted.
+    /// The new text is not accepted, and nothing was changed.
     Refused(Problem),
-    /// It may work later.
+    /// It may work later. The text may have been written.
     Failed(Problem),
 }
 
@@ -43,7 +43,7 @@ pub(crate) enum NotApplied {
 enum ConfigCall {
     Read(oneshot::Sender<Result<String, Problem>>),
     Check(PartCheck, oneshot::Sender<Result<String, NotApplied>>),
-    Apply(PartChange, oneshot::Sender<Result<(), NotApplied>>),
+    Apply(PartChange, oneshot::Sender<Result<String, NotApplied>>),
 }
 
 /// A part that is to be checked.
@@ -126,28 +126,29 @@ impl RemoteConfig {
         done.map_err(NotApplied::Failed)?
     }
 
-    /// Replaces the text before by this one, and applies it.
+    /// Replaces the text before by this one, and applies it. The file as it is then.
     ///
     /// # Errors
-    /// Everything is as it was.
+    /// [`NotApplied`].
     pub(crate) async fn apply(
         &self,
         (outlet, user): (&str, &str),
         (before, text): (String, String),
-    ) -> Result<(), NotApplied> {
+    ) -> Result<String, NotApplied> {
         self.change(caller(outlet, user), (before, text), false)
             .await
     }
 
-    /// Replaces the text by the one before, whatever that says.
+    /// Replaces the part of the file by that of the text before, whatever that says, if it is that
+    /// of the first text. The file as it is then.
     ///
     /// # Errors
-    /// Everything is as it was.
+    /// [`NotApplied`].
     pub(crate) async fn take_back(
         &self,
         outlet: &str,
         (from, to): (String, String),
-    ) -> Result<(), NotApplied> {
+    ) -> Result<String, NotApplied> {
         self.change(caller(outlet, ""), (from, to), true).await
     }
 
@@ -156,7 +157,7 @@ impl RemoteConfig {
         who: Caller,
         (before, text): (String, String),
         is_back: bool,
-    ) -> Result<(), NotApplied> {
+    ) -> Result<String, NotApplied> {
         let change = PartChange {
             who,
             before,
@@ -233,7 +234,27 @@ async fn check(site: &Site, wanted: PartCheck) -> Result<String, NotApplied> {
     if now != before {
         return Err(NotApplied::Other(now));
     }
+    as_in_force(site, &before)?;
     checked(site, &who, &before, &part).map_err(NotApplied::Refused)
+}
+
+/// Whether the file says of the site's own what is in force. One that is gone or empty, or was
+/// changed and not read yet, is not begun anew by a centre.
+fn as_in_force(site: &Site, text: &str) -> Result<(), NotApplied> {
+    let file = site.desk.file().display().to_string();
+    let config = Config::parse(text);
+    // What was before must be able to come back.
+    let config =
+        config.map_err(|problems| NotApplied::Failed(bad_config(Lang::En, &file, &problems)))?;
+    let tables = own_differences(&site.service.config(), &config);
+    match tables.is_empty() {
+        true => Ok(()),
+        false => Err(NotApplied::Failed(
+            Problem::new(codes::CONFIG_CHANGED)
+                .with("file", file)
+                .with("reason", tables.join(" ")),
+        )),
+    }
 }
 
 /// The file with this part, if it is accepted.
@@ -244,11 +265,7 @@ fn checked(site: &Site, who: &Caller, before: &str, part: &str) -> Result<String
     }
     // With the lines of the part, which the centre has.
     Config::parse(part).map_err(|problems| bad_config(Lang::En, NAME, &problems))?;
-    let unreadable = |error: PartError| {
-        Problem::new(codes::CONFIG_FILE)
-            .with("file", site.desk.file().display().to_string())
-            .with("reason", error.to_string())
-    };
+    let unreadable = |error: PartError| unreadable(site, &error);
     let text = whole.map_err(unreadable)?;
     let new = Config::parse(&text);
     let new = new.map_err(|problems| bad_config(Lang::En, NAME, &problems))?;
@@ -258,7 +275,13 @@ fn checked(site: &Site, who: &Caller, before: &str, part: &str) -> Result<String
     Ok(text)
 }
 
-async fn apply(site: &Site, wanted: PartChange) -> Result<(), NotApplied> {
+fn unreadable(site: &Site, error: &PartError) -> Problem {
+    Problem::new(codes::CONFIG_FILE)
+        .with("file", site.desk.file().display().to_string())
+        .with("reason", error.to_string())
+}
+
+async fn apply(site: &Site, wanted: PartChange) -> Result<String, NotApplied> {
     let PartChange {
         who,
         before,
@@ -266,34 +289,46 @@ async fn apply(site: &Site, wanted: PartChange) -> Result<(), NotApplied> {
         is_back,
     } = wanted;
     let service = site.service.on_behalf_of(who.origin(), who.rights());
+    let now = site.desk.text().await.map_err(NotApplied::Failed)?;
+    // What only the site says may have been changed since: it stays.
+    let is_same = match is_back {
+        true => part_of(&now).ok() == part_of(&before).ok(),
+        false => now == before,
+    };
+    if !is_same {
+        return Err(NotApplied::Other(now));
+    }
+    let text = match is_back {
+        true => taken_back(&now, &before, &text)
+            .map_err(|error| NotApplied::Failed(unreadable(site, &error)))?,
+        false => {
+            as_in_force(site, &now)?;
+            let may = bring::may_bring((&who, site), &now, &text)
+                .and_then(|()| bring::may_lead((&who, site), &now, &text));
+            may.map_err(NotApplied::Refused)?;
+            text
+        }
+    };
     let asks = Asks {
         service: &service,
         lang: Lang::En,
         who: &who.name,
-        seen: Some(vec![etag(&before)]),
+        seen: Some(vec![etag(&now)]),
         // What was there comes back, also if an integration could not use it.
         is_fact: is_back,
     };
-    let mut is_refused = false;
-    let change = |now: &str| {
-        if !is_back {
-            let may = bring::may_bring((&who, site), now, &text)
-                .and_then(|()| bring::may_lead((&who, site), now, &text));
-            may.inspect_err(|_| is_refused = true)?;
-        }
-        Ok(text.clone())
-    };
-    let end = site.desk.change(&asks, change).await;
+    let end = site.desk.change(&asks, |_| Ok(text.clone())).await;
     let problem = match end {
-        Ok(_) => return Ok(()),
+        Ok(_) => return Ok(text),
         Err(problem) => problem,
     };
     if problem.code == codes::CONFIG_CHANGED.code {
         let now = site.desk.text().await.map_err(NotApplied::Failed)?;
         return Err(NotApplied::Other(now));
     }
-    // What else stands in the way, such as exclusive access to a line, ends.
-    match is_refused || problem.code == codes::BAD_CONFIG.code {
+    // Nothing is written that can't be read. What else stands in the way, such as exclusive access
+    // to a line, ends.
+    match problem.code == codes::BAD_CONFIG.code {
         true => Err(NotApplied::Refused(problem)),
         false => Err(NotApplied::Failed(problem)),
     }

@@ -106,7 +106,8 @@ impl GivenConfig {
                 false => Ok(0),
             };
         };
-        let may_be_replaced = report.hash == self.replaces || report.hash == part_hash("");
+        let is_new = report.kept == 0 && report.hash == part_hash("");
+        let may_be_replaced = report.hash == self.replaces || is_new;
         match report.is_local && !may_be_replaced {
             true => Err(why(codes::SITE_CONFIG_CHANGED)),
             false => Ok(report.version.max(report.kept)),
@@ -189,6 +190,7 @@ fn phase(report: &ConfigReport) -> FleetConfigPhase {
         ConfigPhaseKind::Refused => FleetConfigPhase::Refused,
         ConfigPhaseKind::RolledBack => FleetConfigPhase::RolledBack,
         ConfigPhaseKind::LocalChange => FleetConfigPhase::LocalChange,
+        ConfigPhaseKind::Interrupted => FleetConfigPhase::Interrupted,
         ConfigPhaseKind::Unspecified => FleetConfigPhase::Other,
     }
 }
@@ -207,7 +209,9 @@ fn problem(site: &str, report: &ConfigReport) -> Option<Problem> {
     said.or_else(|| {
         let problem = match report.phase() {
             ConfigPhaseKind::RolledBack => Problem::new(codes::CONFIG_TAKEN_BACK),
-            ConfigPhaseKind::Refused => Problem::new(codes::SITE_CONFIG_CHANGED).with("name", site),
+            ConfigPhaseKind::Refused | ConfigPhaseKind::Interrupted => {
+                Problem::new(codes::SITE_CONFIG_CHANGED).with("name", site)
+            }
             _ => return None,
         };
         Some(match report.reason.is_empty() {

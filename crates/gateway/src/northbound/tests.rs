@@ -332,3 +332,12 @@ fn the_demo_has_its_outlets_where_their_ports_are_free() {
     let (text, outlets) = demo_where(|_| false);
     assert!(text.is_empty() && outlets.is_empty());
 }
+
+/// A table that was left out would be a centre's to say.
+#[test]
+fn every_table_of_outlets_is_a_sites_own() {
+    use railbus_site::config::part::OWN_TABLES;
+    for kind in NORTHBOUND {
+        assert!(OWN_TABLES.contains(&kind.table), "{}", kind.table);
+    }
+}

@@ -2,12 +2,13 @@
 //! it has, what is recorded, and what its owner allows. A layer of a centre can't know where a site
 //! keeps its credentials.
 
+use super::Config;
 use super::read::line_and_column;
 use std::fmt;
 use toml_edit::{DocumentMut, Item, Table};
 
 /// The tables that only a site itself says.
-pub const OWN_TABLES: [&str; 5] = ["audit", "outlet", "ports", "webhook", "webhooks"];
+pub const OWN_TABLES: [&str; 6] = ["audit", "history", "outlet", "ports", "webhook", "webhooks"];
 
 /// Behind everything else.
 const BEHIND: isize = 1 << 30;
@@ -72,6 +73,26 @@ pub fn with_part(file: &str, part: &str) -> Result<String, PartError> {
     Ok(document.to_string())
 }
 
+/// The text before, as far as a centre may say it, in a file whose other part may have been changed
+/// since: how it was, where nothing was.
+///
+/// # Errors
+/// One of them is no TOML.
+pub fn taken_back(now: &str, after: &str, before: &str) -> Result<String, PartError> {
+    match now == after {
+        true => Ok(before.to_owned()),
+        false => with_part(now, &part_of(before)?),
+    }
+}
+
+/// The tables of a site's own in which two configurations differ, such as `outlet.hq`.
+#[must_use]
+pub fn own_differences(one: &Config, other: &Config) -> Vec<String> {
+    let mut tables = one.differences(other);
+    tables.retain(|table| is_own(table.split_once('.').map_or(&**table, |(table, _)| table)));
+    tables
+}
+
 fn is_own(table: &str) -> bool {
     OWN_TABLES.contains(&table)
 }
@@ -103,7 +124,6 @@ fn table_behind(table: &mut Table) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Config;
     use proptest::prelude::*;
 
     const FILE: &str = "\
@@ -231,11 +251,30 @@ x = 1
     }
 
     #[test]
-    fn every_table_of_an_integration_is_the_sites_own() {
-        // A table that is none of these would be the centre's to say.
-        for own in OWN_TABLES {
-            let known = Config::parse(&format!("[{own}]\nx = 1\n")).unwrap_err();
-            assert!(known.iter().all(|problem| problem.path.starts_with(own)));
-        }
+    fn what_is_taken_back_leaves_what_the_site_has_said_since() {
+        let (before, part) = (FILE, "[line.yard]\nport = \"/dev/ttyS2\"\n");
+        let after = with_part(before, part).unwrap();
+        assert_eq!(taken_back(&after, &after, before).unwrap(), before);
+        let now = after.replace("nats1", "nats2");
+        let back = taken_back(&now, &after, before).unwrap();
+        assert_eq!(part_of(&back).unwrap(), part_of(before).unwrap());
+        assert!(
+            back.contains("nats2") && !back.contains("line.yard"),
+            "{back}"
+        );
+    }
+
+    #[test]
+    fn what_differs_of_a_sites_own_is_named() {
+        let config = |text: &str| Config::parse(text).unwrap();
+        let line = "[line.hall]\nport = \"/dev/ttyS1\"\n";
+        let own =
+            "[ports]\nallow = [\"/x\"]\n[history]\nkeep = \"9d\"\n[outlet.hq]\ntype = \"x\"\n";
+        assert_eq!(
+            own_differences(&config(""), &config(line)),
+            Vec::<String>::new()
+        );
+        let differ = own_differences(&config(line), &config(own));
+        assert_eq!(differ, ["outlet.hq", "ports", "history"]);
     }
 }

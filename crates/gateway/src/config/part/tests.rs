@@ -40,9 +40,67 @@ async fn a_part_is_applied_and_the_rest_stays() {
     let by = here.site.desk.generations().await.unwrap();
     assert_eq!(by.last().unwrap().who.as_deref(), Some("outlet:hq:li"));
     // And back.
-    outlet.take_back("hq", (whole, text.clone())).await.unwrap();
+    let back = outlet.take_back("hq", (whole.clone(), text.clone())).await;
+    assert_eq!(back.unwrap(), text);
     assert_eq!(outlet.read().await.unwrap(), text);
     assert!(!here.site.service.config().modules.contains_key("oven"));
+    // Once.
+    let again = outlet.take_back("hq", (whole, text.clone())).await;
+    assert!(matches!(again, Err(NotApplied::Other(now)) if now == text));
+}
+
+/// What only the site says was changed meanwhile: it stays.
+#[tokio::test]
+async fn what_the_site_says_stays_where_a_part_is_taken_back() {
+    let text = format!("{LINE}{OWN}");
+    let (here, outlet) = site("back", &text);
+    let part = format!("{LINE}[group.all]\nmembers = []\n");
+    let whole = outlet.check(BY, text.clone(), part).await.unwrap();
+    outlet
+        .apply(BY, (text.clone(), whole.clone()))
+        .await
+        .unwrap();
+    let other = whole.replace("127.0.0.1", "127.0.0.2");
+    std::fs::write(here.site.desk.file(), &other).unwrap();
+    let back = outlet.take_back("hq", (whole, text.clone())).await.unwrap();
+    assert_eq!(back, text.replace("127.0.0.1", "127.0.0.2"));
+    assert_eq!(outlet.read().await.unwrap(), back);
+}
+
+/// A file that is gone, was emptied, or was changed and not read yet has not what is in force: a
+/// part would leave nothing of what is the site's own.
+#[tokio::test]
+async fn a_file_that_lost_what_is_in_force_is_not_begun_anew() {
+    let text = format!("{LINE}{OWN}");
+    let (here, outlet) = site("lost", &text);
+    for now in ["", LINE, "[line.main\n"] {
+        std::fs::write(here.site.desk.file(), now).unwrap();
+        let end = outlet.check(BY, now.to_owned(), LINE.to_owned()).await;
+        assert!(matches!(end, Err(NotApplied::Failed(_))), "{now}: {end:?}");
+        let end = outlet
+            .apply(BY, (now.to_owned(), format!("{LINE}# x\n")))
+            .await;
+        assert!(matches!(end, Err(NotApplied::Failed(_))), "{now}: {end:?}");
+        assert_eq!(here.site.desk.text().await.unwrap(), now);
+    }
+}
+
+/// Also what was not checked before.
+#[tokio::test]
+async fn what_is_applied_has_the_permissions_of_an_engineer() {
+    let (here, outlet) = site("rights", LINE);
+    for (text, refused) in [
+        (
+            "[line.main]\nport = \"/home/li/modem\"\n".to_owned(),
+            codes::PORT_NOT_ALLOWED,
+        ),
+        (format!("{LINE}{OWN}"), codes::ROLE),
+        ("[line.main]\nport = 7\n".to_owned(), codes::BAD_CONFIG),
+    ] {
+        let end = outlet.apply(BY, (LINE.to_owned(), text.clone())).await;
+        assert_eq!(code(end), refused.code, "{text}");
+    }
+    assert_eq!(here.site.desk.text().await.unwrap(), LINE);
 }
 
 #[tokio::test]
@@ -79,16 +137,17 @@ async fn another_text_than_was_seen_is_left_alone() {
     let (here, outlet) = site("other", LINE);
     let other = format!("{LINE}# By hand.\n");
     std::fs::write(here.site.desk.file(), &other).unwrap();
-    let is_other = |end: Result<(), NotApplied>| match end {
+    let is_other = |end: Result<String, NotApplied>| match end {
         Err(NotApplied::Other(text)) => text == other,
         _ => false,
     };
     let before = || LINE.to_owned();
     let checked = outlet.check(BY, before(), String::new()).await;
-    assert!(is_other(checked.map(|_| ())));
+    assert!(is_other(checked));
     assert!(is_other(outlet.apply(BY, (before(), String::new())).await));
+    let changed = format!("{LINE}[group.all]\nmembers = []\n");
     assert!(is_other(
-        outlet.take_back("hq", (before(), String::new())).await
+        outlet.take_back("hq", (changed, String::new())).await
     ));
     assert_eq!(here.site.desk.text().await.unwrap(), other);
 }

@@ -99,7 +99,7 @@ fn what_can_be_no_configuration_is_refused_in_this_order() {
 fn the_tables_that_are_a_sites_own_are_named() {
     let text = "audit = true\nports.allow = []\nwebhooks = 1\n[webhook.a]\n[outlet]\n[history]\n\
                 [rule.a]\n[sim]\n[group.b]\n";
-    let own = ["audit", "ports", "webhooks", "webhook", "outlet"];
+    let own = ["audit", "ports", "webhooks", "webhook", "outlet", "history"];
     assert_eq!(own_tables(text), own);
     assert_eq!(own_tables(TEXT), Vec::<String>::new());
     assert_eq!(own_tables("[outlet"), Vec::<String>::new());
@@ -148,11 +148,14 @@ fn a_site_is_given_none_that_takes_none_or_has_its_own() {
     assert_eq!(with(&looked_at(&[0xAB; 32]), local.clone()), Ok(7));
     let earlier = looked_at(&[0xAC; 32]);
     assert_eq!(with(&earlier, local.clone()), Err("E0943".to_owned()));
-    let empty = ConfigReport {
+    // Emptied at the site, or never filled.
+    let emptied = ConfigReport {
         hash: part_hash(""),
         ..local
     };
-    assert_eq!(with(&given, empty), Ok(7));
+    assert_eq!(with(&given, emptied.clone()), Err("E0943".to_owned()));
+    let new = ConfigReport { kept: 0, ..emptied };
+    assert_eq!(with(&given, new), Ok(3));
 }
 
 #[test]

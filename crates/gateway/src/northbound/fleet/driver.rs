@@ -38,6 +38,8 @@ use tokio::time::Instant;
 const LINGER: Duration = Duration::from_secs(1);
 /// How long the outbox may take to be closed.
 const CLOSE_MAX: Duration = Duration::from_secs(2);
+/// How long a trial that was left may take to be taken back where nothing else works.
+const SETTLE_MAX: Duration = Duration::from_secs(10);
 /// How often it is looked whether a disk still hangs.
 const LOOK: Duration = Duration::from_secs(1);
 /// Of answers longer than this, in bytes, one is sent at a time.
@@ -81,8 +83,8 @@ struct Driver {
 /// Why a connection is no longer used.
 enum Ended {
     Stopped,
-    /// There is no outbox any more.
-    Gone,
+    /// There is no outbox any more, or nothing that takes configurations.
+    Gone(Problem),
     /// With the claims of this connection the servers would end it soon.
     Renewed,
     Broken(Problem),
@@ -101,8 +103,17 @@ pub(super) async fn run(outlet: Outlet) -> Result<(), Problem> {
     let configured = Configured::of(&outlet.service.config(), outlet.kind.name);
     files::remove_stale(&outlet.folder, &configured);
     let boot = random().map_err(|error| internal(&error))?;
-    let managed = Managed::start(&outlet)?;
-    let outbox = outbox::start_for_again(&outlet, days)?;
+    let mut managed = Managed::start(&outlet)?;
+    let outbox = match outbox::start_for_again(&outlet, days) {
+        Ok(outbox) => outbox,
+        Err(problem) => {
+            // A trial that was left does not wait for it.
+            if let Some(managed) = &mut managed {
+                managed.settle(SETTLE_MAX).await;
+            }
+            return Err(problem);
+        }
+    };
     let own = SiteIdentity {
         installation,
         boot,
@@ -180,7 +191,7 @@ impl Driver {
                     tries.connected_since(begun);
                     match end {
                         Ended::Stopped => return Ok(()),
-                        Ended::Gone => return Err(gone()),
+                        Ended::Gone(problem) => return Err(problem),
                         Ended::Renewed => continue,
                         Ended::Broken(problem) => problem,
                     }
@@ -268,9 +279,13 @@ impl Driver {
                 }
                 input = self.recorded.next() => match input {
                     Some(input) => self.handle(input),
-                    None => return Ended::Gone,
+                    None => return Ended::Gone(gone()),
                 },
-                () = managed::changed(self.managed.as_mut()) => {}
+                changed = managed::changed(self.managed.as_mut()) => {
+                    if let Err(problem) = changed {
+                        return Ended::Gone(problem);
+                    }
+                }
                 () = due => {}
             }
         }

@@ -2,6 +2,7 @@
 //! with another key the settings change, and if that is undone, the earlier ones are still there.
 
 use super::settings::FleetAccess;
+use super::trial_files::MANAGED;
 use crate::clock::unix_s;
 use crate::nats::unusable;
 use railbus_api::problem::Problem;
@@ -122,6 +123,9 @@ impl Unnamed<'_> {
             let is_key = id.ends_with(PENDING);
             return is_key && (self.is_older(PENDING_MAX) || self.is_accepted(configured));
         }
+        if let Some(outlet) = self.name.strip_suffix(MANAGED) {
+            return !configured.outlets.contains(outlet);
+        }
         let Some((outlet, rest)) = self.name.split_once('-') else {
             return false;
         };
@@ -241,11 +245,13 @@ mod tests {
             ),
             file(files("added").creds("UADDED"), &valid, young),
             file(folder.join("fleet-hq.json"), "", old),
+            file(folder.join("fleet-hq.managed"), "", old),
             file(folder.join("hq.creds"), &expired, old),
         ];
         let go = [
             file(files(hq).creds("UEXPIRED"), &expired, old),
             file(files(hq).pending("OWN"), &format!("{seed}\n"), young),
+            file(folder.join("fleet-gone.managed"), "", old),
             file(files(hq).pending("LONGAGO"), "", 2 * PENDING_MAX),
             file(files(gone).creds("UGONE"), &valid, old),
             file(files(gone).ca("UGONE"), "", old),

@@ -18,9 +18,10 @@ use railbus_fleet::trial::{
     ConfigText, ConfigTrial, TrialDone, TrialHealth, TrialInput, TrialOutput, TrialRefusal,
     part_hash,
 };
-use railbus_host::{LineState, Presence};
+use railbus_host::{LineState, PortError, Presence};
 use railbus_site::Service;
 use railbus_site::config::part::part_of;
+use serde_json::Value;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::{Notify, mpsc, watch};
@@ -34,6 +35,10 @@ const LOOK: Duration = Duration::from_secs(1);
 const READ_AGAIN: Duration = Duration::from_secs(300);
 /// The same where it could not be read.
 const READ_SOON: Duration = Duration::from_secs(30);
+/// How long until something that could not be read is read again.
+const RETRY: Duration = Duration::from_secs(5);
+/// How many of the problems of a configuration are told.
+const PROBLEMS_MAX: usize = 5;
 /// How many documents wait.
 const WAITING_MAX: usize = 16;
 
@@ -101,16 +106,9 @@ impl Managed {
             session: has_session,
             told,
             over: Arc::clone(&over),
-            user: String::new(),
+            key,
         };
-        let task = tokio::spawn(async move {
-            let name = task.name.clone();
-            let report = task.report.clone();
-            // Without its files it takes nothing, and says so.
-            if let Err(problem) = task.run().await {
-                report.noted(problem.with("name", name), 1);
-            }
-        });
+        let task = tokio::spawn(task.run());
         Ok(Some(Managed {
             verifier: Arc::new(verifier),
             wanted,
@@ -120,6 +118,15 @@ impl Managed {
             task,
             over,
         }))
+    }
+
+    /// Waits a while until a trial that was left is taken back.
+    pub(super) async fn settle(&mut self, within: Duration) {
+        let is_over = |view: &Option<ManagedView>| {
+            let phase = view.as_ref().map(|view| view.report.phase());
+            phase.is_some_and(|phase| phase != ConfigPhaseKind::Trying)
+        };
+        let _ = tokio::time::timeout(within, self.view.wait_for(is_over)).await;
     }
 
     /// Ends it between two steps: what is under way on the disk is not to meet what the next run
@@ -157,30 +164,35 @@ impl Managed {
 
 /// Waits until there is something else to report; for ever, where nothing is taken from the centre.
 /// Cancel-safe.
-pub(super) async fn changed(managed: Option<&mut Managed>) {
-    let changed = match managed {
-        Some(managed) => managed.view.changed().await,
-        None => return std::future::pending().await,
-    };
-    // Its task has ended: nothing changes any more.
-    if changed.is_err() {
-        std::future::pending().await
+///
+/// # Errors
+/// Its task has ended: nothing is judged or taken back any more.
+pub(super) async fn changed(managed: Option<&mut Managed>) -> Result<(), Problem> {
+    match managed {
+        Some(managed) => managed.view.changed().await.map_err(|_| {
+            Problem::new(codes::INTERNAL).with("reason", "what takes configurations has ended")
+        }),
+        None => std::future::pending().await,
     }
 }
 
 /// The answer where the centre asks for the configuration.
 pub(super) fn told(managed: Option<&Managed>) -> ConfigAnswer {
-    let view = managed.and_then(|managed| managed.view.borrow().clone());
-    match view {
-        Some(ManagedView { report, part }) => ConfigAnswer {
-            refusal: None,
-            text: part.to_string(),
-            hash: report.hash,
-        },
-        None => ConfigAnswer {
-            refusal: Some(refusal(&Problem::new(codes::NOT_MANAGED))),
-            ..ConfigAnswer::default()
-        },
+    let view = managed.map(|managed| managed.view.borrow().clone());
+    let why = match view {
+        Some(Some(ManagedView { report, part })) => {
+            return ConfigAnswer {
+                refusal: None,
+                text: part.to_string(),
+                hash: report.hash,
+            };
+        }
+        Some(None) => Problem::new(codes::CONFIG_FILE).with("reason", "it is not read yet"),
+        None => Problem::new(codes::NOT_MANAGED),
+    };
+    ConfigAnswer {
+        refusal: Some(refusal(&why)),
+        ..ConfigAnswer::default()
     }
 }
 
@@ -261,22 +273,26 @@ struct ManagedTask {
     session: watch::Receiver<bool>,
     told: watch::Sender<Option<ManagedView>>,
     over: Arc<Notify>,
-    /// Who wanted the last document.
-    user: String,
+    /// The key of the centre.
+    key: String,
 }
 
 impl ManagedTask {
-    async fn run(mut self) -> Result<(), Problem> {
-        let files = self.files.clone();
-        let recorded = at_disk(move || Ok((files.managed()?, files.trial()?)));
-        let (managed, trial) = recorded.await?;
-        let file = config_text(self.config.read().await?);
-        let mut trial = ConfigTrial::new(managed, file, trial);
+    async fn run(mut self) {
+        let Some(mut trial) = self.begin().await else {
+            return;
+        };
+        // The file has changed, and could not be read since.
+        let mut is_unread = false;
         loop {
+            if is_unread {
+                is_unread = !self.read(&mut trial).await;
+            }
             self.drive(&mut trial).await;
             let look = trial.needs_health().then_some(LOOK);
+            let retry = is_unread.then_some(RETRY);
             let due = trial.deadline().map(|at| at.saturating_sub(since_boot()));
-            let due = [look, due].into_iter().flatten().min();
+            let due = [look, retry, due].into_iter().flatten().min();
             let due = async {
                 match due {
                     Some(wait) => tokio::time::sleep(wait).await,
@@ -286,25 +302,58 @@ impl ManagedTask {
             tokio::select! {
                 document = self.wanted.recv() => match document {
                     Some(document) => {
-                        self.user.clone_from(&document.user);
                         let wanted = TrialInput::Wanted(document.into());
                         trial.handle(since_boot(), wanted);
                     }
-                    None => return Ok(()),
+                    None => return,
                 },
-                changed = self.config.changed() => {
-                    changed?;
-                    let file = config_text(self.config.read().await?);
-                    trial.handle(since_boot(), TrialInput::File(file));
-                }
+                changed = self.config.changed() => match changed {
+                    Ok(()) => is_unread = true,
+                    // The daemon is stopping.
+                    Err(_) => return,
+                },
                 // A trial may wait for it.
                 changed = self.session.changed() => {
                     if changed.is_err() {
-                        return Ok(());
+                        return;
                     }
                 }
-                () = self.over.notified() => return Ok(()),
+                () = self.over.notified() => return,
                 () = due => {}
+            }
+        }
+    }
+
+    /// Begins with what is on the disk, as soon as that can be read; none if it is to end before.
+    async fn begin(&mut self) -> Option<ConfigTrial> {
+        loop {
+            let files = self.files.clone();
+            let recorded = at_disk(move || Ok((files.managed()?, files.trial()?)));
+            let found = async { Ok((recorded.await?, self.config.read().await?)) };
+            match found.await {
+                Ok(((managed, trial), text)) => {
+                    let managed = managed.of(&self.key);
+                    return Some(ConfigTrial::new(managed, config_text(text), trial));
+                }
+                Err(problem) => self.report.noted(problem, 1),
+            }
+            tokio::select! {
+                () = self.over.notified() => return None,
+                () = tokio::time::sleep(RETRY) => {}
+            }
+        }
+    }
+
+    /// Reads the file; whether it could be read.
+    async fn read(&self, trial: &mut ConfigTrial) -> bool {
+        match self.config.read().await {
+            Ok(text) => {
+                trial.handle(since_boot(), TrialInput::File(config_text(text)));
+                true
+            }
+            Err(problem) => {
+                self.report.noted(problem, 1);
+                false
             }
         }
     }
@@ -317,7 +366,7 @@ impl ManagedTask {
             let Some(output) = output else {
                 return;
             };
-            let done = self.carry_out(output).await;
+            let done = self.carry_out(output, trial.user()).await;
             trial.handle(since_boot(), TrialInput::Done(done));
         }
     }
@@ -326,11 +375,14 @@ impl ManagedTask {
     fn health(&self) -> TrialHealth {
         let (lines, modules) = (self.service.lines(), self.service.modules());
         let up = lines.iter().filter(|line| line.state == LineState::Up);
+        let lent = LineState::Absent(Arc::new(PortError::Exclusive));
+        let lent = lines.iter().filter(|line| line.state == lent);
         let online = modules
             .iter()
             .filter(|module| module.presence == Presence::Online);
         TrialHealth {
             lines_up: up.map(|line| line.name.clone()).collect(),
+            lines_lent: lent.map(|line| line.name.clone()).collect(),
             modules_online: online.map(|module| module.name.clone()).collect(),
             lines: lines.iter().map(|line| line.name.clone()).collect(),
             modules: modules.iter().map(|module| module.name.clone()).collect(),
@@ -339,24 +391,23 @@ impl ManagedTask {
         }
     }
 
-    async fn carry_out(&self, output: TrialOutput) -> TrialDone {
+    async fn carry_out(&self, output: TrialOutput, user: &str) -> TrialDone {
         let files = self.files.clone();
         let stored = match output {
             TrialOutput::Check(before, part) => {
-                let who = (&*self.name, &*self.user);
+                let who = (&*self.name, user);
                 return match self.config.check(who, before, part).await {
                     Ok(text) => TrialDone::Checked(config_text(text)),
                     Err(why) => not_applied(why),
                 };
             }
             TrialOutput::Apply(from, to) => {
-                let who = (&*self.name, &*self.user);
-                let applied = self.config.apply(who, (from, to)).await;
-                return applied.map_or_else(not_applied, |()| TrialDone::Ok);
+                let applied = self.config.apply((&self.name, user), (from, to)).await;
+                return applied.map_or_else(not_applied, |_| TrialDone::Ok);
             }
             TrialOutput::TakeBack(from, to) => {
                 let back = self.config.take_back(&self.name, (from, to)).await;
-                return back.map_or_else(not_applied, |()| TrialDone::Ok);
+                return back.map_or_else(not_applied, |text| TrialDone::Back(config_text(text)));
             }
             TrialOutput::StoreTrial(record) => at_disk(move || files.store_trial(&record)).await,
             TrialOutput::StoreManaged(record) => {
@@ -384,22 +435,31 @@ impl ManagedTask {
         let was = before
             .as_ref()
             .map(|before| (before.report.phase, before.report.version));
-        let is_new = |end: ConfigPhaseKind| {
-            report.phase() == end && was != Some((report.phase, report.version))
-        };
-        if is_new(ConfigPhaseKind::RolledBack) {
-            let problem = Problem::new(codes::CONFIG_TAKEN_BACK);
-            self.report
-                .noted(problem.with("reason", report.reason.clone()), 1);
-        } else if is_new(ConfigPhaseKind::Refused) {
-            let problem = serde_json::from_slice(&report.problem).unwrap_or_else(|_| {
-                Problem::new(codes::SITE_CONFIG_CHANGED).with("reason", report.reason.clone())
-            });
+        if was != Some((report.phase, report.version))
+            && let Some(problem) = not_kept(&report)
+        {
             self.report.noted(problem, 1);
         }
         let part = part_of(&trial.file().text).unwrap_or_default().into();
         self.told.send_replace(Some(ManagedView { report, part }));
     }
+}
+
+/// Why a version was not kept; none if none was.
+fn not_kept(report: &ConfigReport) -> Option<Problem> {
+    let kind = match report.phase() {
+        ConfigPhaseKind::RolledBack => codes::CONFIG_TAKEN_BACK,
+        ConfigPhaseKind::Refused | ConfigPhaseKind::Interrupted => codes::SITE_CONFIG_CHANGED,
+        ConfigPhaseKind::Unspecified
+        | ConfigPhaseKind::Unmanaged
+        | ConfigPhaseKind::Current
+        | ConfigPhaseKind::Pending
+        | ConfigPhaseKind::Trying
+        | ConfigPhaseKind::LocalChange => return None,
+    };
+    let said = serde_json::from_slice(&report.problem).ok();
+    let other = || Problem::new(kind).with("reason", report.reason.clone());
+    Some(said.unwrap_or_else(other))
 }
 
 /// A text that was read, or is to be written. One that is no TOML was written by hand: then the
@@ -414,10 +474,16 @@ fn not_applied(why: NotApplied) -> TrialDone {
     match why {
         NotApplied::Other(text) => TrialDone::Changed(config_text(text)),
         NotApplied::Failed(problem) => TrialDone::Failed(reason(&problem)),
-        NotApplied::Refused(problem) => TrialDone::Refused(TrialRefusal {
-            reason: reason(&problem),
-            problem: serde_json::to_vec(&problem).unwrap_or_default(),
-        }),
+        NotApplied::Refused(mut problem) => {
+            // The first ones are enough, and a heartbeat is short.
+            if let Some(Value::Array(all)) = problem.with.get_mut("problems") {
+                all.truncate(PROBLEMS_MAX);
+            }
+            TrialDone::Refused(TrialRefusal {
+                reason: reason(&problem),
+                problem: serde_json::to_vec(&problem).unwrap_or_default(),
+            })
+        }
     }
 }
 

@@ -4,15 +4,18 @@ use super::files::PREFIX;
 use crate::nats::unusable;
 use prost::Message;
 use railbus_api::problem::Problem;
-use railbus_fleet::trial::{ManagedRecord, TrialRecord, recover};
+use railbus_fleet::trial::{ConfigText, ManagedRecord, Recovery, TrialRecord, part_hash, recover};
 use railbus_site::config::edit::WriteError;
 use railbus_site::config::keeper::ConfigFile;
+use railbus_site::config::part::{part_of, taken_back};
 use railbus_store::durable;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
+/// How often a file that somebody changes is read again.
+const TRIES: usize = 3;
 const TRIAL: &str = ".trial";
-const MANAGED: &str = ".managed";
+pub(super) const MANAGED: &str = ".managed";
 
 /// The files of the outlet of a name. Everything here blocks on the disk.
 #[derive(Clone, Debug)]
@@ -86,39 +89,55 @@ fn write(path: &Path, record: &impl Message) -> Result<(), Problem> {
 /// # Errors
 /// The disk refuses. The integration goes on with it.
 pub(super) fn recover_all(config: &Path, state: &Path) -> Result<(), Problem> {
+    let mut end = Ok(());
     let all = std::fs::read_dir(state).into_iter().flatten().flatten();
     for name in all.map(|entry| entry.file_name()) {
         let name = name.to_str().and_then(|name| name.strip_prefix(PREFIX));
         if let Some(outlet) = name.and_then(|name| name.strip_suffix(TRIAL)) {
-            recover_one(config, state, outlet)?;
+            // One that can't be read does not keep the others.
+            end = end.and(recover_one(config, state, outlet));
         }
     }
-    Ok(())
+    end
 }
 
 fn recover_one(config: &Path, state: &Path, outlet: &str) -> Result<(), Problem> {
     let files = TrialFiles::new(state, outlet);
-    let (trial, managed) = (files.trial()?, files.managed()?);
-    let keeper = ConfigFile::new(config.to_owned(), state);
-    let text = keeper.read().map_err(|error| unusable(config, &error))?;
-    let Some(recovery) = recover(&text, trial.as_ref(), &managed) else {
+    let (Some(trial), managed) = (files.trial()?, files.managed()?) else {
         return Ok(());
     };
-    if let Some(before) = recovery.file {
-        match keeper.write(&text, &before, &format!("outlet:{outlet}")) {
-            // Somebody changes it just now: that is what counts.
-            Ok(()) | Err(WriteError::Changed) => {}
-            Err(WriteError::Io(error)) => return Err(unusable(config, &error)),
+    let keeper = ConfigFile::new(config.to_owned(), state);
+    let failed = |reason: &dyn ToString| unusable(config, reason);
+    for _ in 0..TRIES {
+        let text = keeper.read().map_err(|error| failed(&error))?;
+        let hash = part_of(&text).map(|part| part_hash(&part));
+        let file = ConfigText {
+            hash: hash.unwrap_or_default(),
+            text,
+        };
+        let Some(Recovery { is_back, managed }) = recover(&file, Some(&trial), &managed) else {
+            return Ok(());
+        };
+        if is_back {
+            let text = taken_back(&file.text, &trial.after, &trial.before);
+            let text = text.map_err(|error| failed(&error))?;
+            match keeper.write(&file.text, &text, &format!("outlet:{outlet}")) {
+                Ok(()) => {}
+                // Somebody changes it just now.
+                Err(WriteError::Changed) => continue,
+                Err(WriteError::Io(error)) => return Err(failed(&error)),
+            }
         }
+        files.store_managed(&managed)?;
+        return files.remove_trial();
     }
-    files.store_managed(&recovery.managed)?;
-    files.remove_trial()
+    Err(failed(&WriteError::Changed))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use railbus_fleet::trial::{TrialEndKind, part_hash};
+    use railbus_fleet::trial::TrialEndKind;
 
     struct Folder(PathBuf);
 
@@ -153,13 +172,20 @@ mod tests {
         }
     }
 
-    fn trial() -> TrialRecord {
+    const OLD: &str = "[line.a]\nport = \"/dev/ttyS1\"\n[ports]\nallow = []\n";
+    const NEW: &str = "[line.b]\nport = \"/dev/ttyS2\"\n[ports]\nallow = []\n";
+
+    fn hash(text: &str) -> Vec<u8> {
+        part_hash(&part_of(text).unwrap())
+    }
+
+    fn trial(version: u64) -> TrialRecord {
         TrialRecord {
-            version: 3,
-            before: "# old\n".to_owned(),
-            after: "# new\n".to_owned(),
-            before_hash: part_hash("old"),
-            after_hash: part_hash("new"),
+            version,
+            before: OLD.to_owned(),
+            after: NEW.to_owned(),
+            before_hash: hash(OLD),
+            after_hash: hash(NEW),
         }
     }
 
@@ -167,35 +193,30 @@ mod tests {
     fn a_start_takes_back_what_was_on_trial() {
         let folder = Folder::new("back");
         let files = folder.files();
-        let starts = || recover_all(&folder.config(), &folder.state()).unwrap();
-        starts();
-        std::fs::write(folder.config(), "# new\n").unwrap();
-        files.store_trial(&trial()).unwrap();
-        starts();
-        assert_eq!(folder.text(), "# old\n");
-        assert_eq!(files.trial(), Ok(None));
-        let verdict = files.managed().unwrap().verdict.unwrap();
-        assert_eq!(
-            (verdict.version, verdict.kind()),
-            (3, TrialEndKind::RolledBack)
-        );
+        let starts = |text: &str| {
+            std::fs::write(folder.config(), text).unwrap();
+            recover_all(&folder.config(), &folder.state()).unwrap();
+            assert_eq!(files.trial(), Ok(None));
+            (folder.text(), files.managed().unwrap().verdict)
+        };
+        let unwritten = starts("# x\n");
+        assert_eq!(unwritten, ("# x\n".to_owned(), None));
+        files.store_trial(&trial(3)).unwrap();
+        let (text, verdict) = starts(NEW);
+        let verdict = verdict.unwrap();
+        assert_eq!((text.as_str(), verdict.version), (OLD, 3));
+        assert_eq!(verdict.kind(), TrialEndKind::RolledBack);
         // Once.
-        std::fs::write(folder.config(), "# new\n").unwrap();
-        starts();
-        assert_eq!(folder.text(), "# new\n");
+        assert_eq!(starts(NEW).0, NEW);
+        // With what only the site says, as it is now.
+        files.store_trial(&trial(4)).unwrap();
+        let (text, _) = starts(&NEW.replace("[]", "[\"/x\"]"));
+        assert_eq!(text, OLD.replace("[]", "[\"/x\"]"));
         // What somebody wrote by hand stays.
-        std::fs::write(folder.config(), "# by hand\n").unwrap();
-        files
-            .store_trial(&TrialRecord {
-                version: 4,
-                ..trial()
-            })
-            .unwrap();
-        starts();
-        assert_eq!(
-            (folder.text().as_str(), files.trial()),
-            ("# by hand\n", Ok(None))
-        );
+        files.store_trial(&trial(5)).unwrap();
+        let (text, verdict) = starts("# by hand\n");
+        assert_eq!(text, "# by hand\n");
+        assert_eq!(verdict.unwrap().kind(), TrialEndKind::Interrupted);
     }
 
     #[test]
@@ -204,9 +225,12 @@ mod tests {
         std::fs::write(folder.config(), "# new\n").unwrap();
         let path = folder.state().join("fleet-hq.trial");
         std::fs::write(&path, [255]).unwrap();
+        let other = TrialFiles::new(&folder.state(), "other");
+        other.store_trial(&trial(3)).unwrap();
         let end = recover_all(&folder.config(), &folder.state()).unwrap_err();
         assert_eq!(end.code, "E0160");
         assert_eq!(end.text("path"), path.display().to_string());
         assert!(path.exists() && folder.text() == "# new\n");
+        assert_eq!(other.trial(), Ok(None), "it does not keep the others");
     }
 }

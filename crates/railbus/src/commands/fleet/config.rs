@@ -153,6 +153,7 @@ fn phase(lang: Lang, state: &FleetConfigState) -> String {
         FleetConfigPhase::Refused => SiteConfigText::Refused,
         FleetConfigPhase::RolledBack => SiteConfigText::RolledBack,
         FleetConfigPhase::LocalChange => SiteConfigText::LocalChange,
+        FleetConfigPhase::Interrupted => SiteConfigText::Interrupted,
         FleetConfigPhase::Other => SiteConfigText::OtherPhase,
     };
     let (version, seconds) = (state.version.unwrap_or_default(), TRIAL.as_secs());
@@ -173,7 +174,7 @@ fn why(context: &Context, state: &FleetConfigState) -> Vec<String> {
     // Of these it is said, or is not so.
     let is_told = matches!(
         state.phase,
-        FleetConfigPhase::LocalChange | FleetConfigPhase::Trying
+        FleetConfigPhase::LocalChange | FleetConfigPhase::Interrupted | FleetConfigPhase::Trying
     );
     // What says nothing is nobody's.
     let none: String = part_hash("")

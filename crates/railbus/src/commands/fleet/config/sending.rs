@@ -227,9 +227,9 @@ fn fate(told: &FleetConfig, version: u64) -> ConfigFate {
         FleetConfigPhase::Trying => ConfigFate::Tried,
         FleetConfigPhase::Pending => ConfigFate::Waits(state.reason.clone()),
         FleetConfigPhase::RolledBack => not(codes::CONFIG_TAKEN_BACK),
-        FleetConfigPhase::Refused | FleetConfigPhase::LocalChange => {
-            not(codes::SITE_CONFIG_CHANGED)
-        }
+        FleetConfigPhase::Refused
+        | FleetConfigPhase::LocalChange
+        | FleetConfigPhase::Interrupted => not(codes::SITE_CONFIG_CHANGED),
         FleetConfigPhase::Unmanaged | FleetConfigPhase::Other => ConfigFate::Open,
     }
 }

@@ -59,6 +59,10 @@ railbus_words::texts! {
         en: "changed at the site since version {version} was kept",
         zh: "版本 {version} 保留后，配置在站点本地更改过",
     }
+    Interrupted {
+        en: "changed at the site while version {version} was tried",
+        zh: "试用版本 {version} 期间，配置在站点本地更改过",
+    }
     OtherPhase { en: "not known to this version of railbus", zh: "本版本 railbus 无法识别" }
     TakesNone { en: "takes no configuration from the centre", zh: "不接受中心下发的配置" }
     NotHeard { en: "not known: it is not online", zh: "未知：站点不在线" }
