@@ -125,8 +125,8 @@ pub enum FleetAttention {
     Clock,
     /// Its key is valid for less than 21 days, and should have been renewed.
     Key,
-    /// It refused the configuration that it was given last, or took it back, or its file was changed
-    /// since.
+    /// It refused the configuration that it was given last, or took it back, or its file was
+    /// changed since.
     Config,
 }
 

@@ -14,8 +14,8 @@ pub use crate::server_file::NodeAddress;
 /// How many servers a fleet may have: with an even number no more may fail than with one less.
 pub const NODE_COUNTS: [usize; 3] = [1, 3, 5];
 
-/// The key that signs configurations, below the folder of the fleet. A fleet that was founded before
-/// there was one can be given it later.
+/// The key that signs configurations, below the folder of the fleet. A fleet that was founded
+/// before there was one can be given it later.
 pub const CONFIG_SIGNING: &str = "hub/config-signing.nk";
 
 /// A file of a new fleet.

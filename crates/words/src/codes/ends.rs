@@ -292,8 +292,8 @@ codes! {
     ConfigTakenBack = "E0944" {
         title: ["the site did not work as before, and went back to the configuration before",
             "站点未能像之前一样工作，已恢复先前的配置"],
-        likely: ["a line, a module or the session with the centre was lost while it was tried · the \
-            site was restarted meanwhile",
+        likely: ["a line, a module or the session with the centre was lost while it was tried · \
+            the site was restarted meanwhile",
             "试用期间总线、模块或与中心的会话中断 · 站点在此期间重启"],
         next: ["mend what the reason names, and send it again", "按原因处理后重新下发"],
     }
@@ -312,8 +312,8 @@ codes! {
     }
     SiteOwn = "E0947" {
         title: ["this part of a configuration is the site's own", "配置的这一部分只能由站点自己设置"],
-        likely: ["integrations, audit, and what the owner of a site allows are not for the centre to \
-            say",
+        likely: ["integrations, audit, and what the owner of a site allows are not for the centre \
+            to say",
             "集成、审计以及站点所有者允许的内容不能由中心下发"],
         next: ["leave it out, and change it at the site", "删去这一部分，并在站点本地更改"],
     }
