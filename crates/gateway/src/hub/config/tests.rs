@@ -248,6 +248,11 @@ fn each_report_is_told_as_it_is() {
         (&json!("E0943"), &json!("plant7"))
     );
     assert_eq!(refused["problem"]["reason"], "it was changed");
+    let interrupted = told(&with(ConfigPhaseKind::Interrupted, "it was changed"));
+    assert_eq!(
+        (&interrupted["phase"], &interrupted["problem"]["code"]),
+        (&json!("interrupted"), &json!("E0943"))
+    );
     let silent = told(&with(ConfigPhaseKind::Refused, ""));
     assert_eq!(silent["problem"].get("reason"), None);
 }

@@ -274,7 +274,8 @@ mod tests {
     #[test]
     fn only_what_is_kept_is() {
         use FleetConfigPhase::{
-            Current, LocalChange, Other, Pending, Refused, RolledBack, Trying, Unmanaged,
+            Current, Interrupted, LocalChange, Other, Pending, Refused, RolledBack, Trying,
+            Unmanaged,
         };
         let of = |phase, version| fate(&told(phase, version), 3);
         assert_eq!(of(Current, Some(3)), ConfigFate::Kept);
@@ -284,6 +285,7 @@ mod tests {
         assert_eq!(code(of(RolledBack, Some(3))), "E0944");
         assert_eq!(code(of(Refused, Some(3))), "E0943");
         assert_eq!(code(of(LocalChange, Some(3))), "E0943");
+        assert_eq!(code(of(Interrupted, Some(3))), "E0943");
         for open in [Unmanaged, Other] {
             assert_eq!(of(open, None), ConfigFate::Open);
             assert_eq!(of(open, Some(3)), ConfigFate::Open);
