@@ -270,16 +270,20 @@ impl ConfigTrial {
     #[must_use]
     pub fn phase(&self) -> ConfigPhase {
         match &self.step {
-            TrialStep::Checking(wanted) => ConfigPhase::Pending(wanted.version, String::new()),
+            // Not in force yet, as far as that is known.
+            TrialStep::Checking(wanted)
+            | TrialStep::StoringTrial(_, wanted)
+            | TrialStep::Applying(_, wanted, _) => {
+                ConfigPhase::Pending(wanted.version, String::new())
+            }
             TrialStep::Waiting(wanted, why, _)
             | TrialStep::Undoing(_, wanted, why, _)
             | TrialStep::Removing(Some((wanted, why)), _) => {
                 ConfigPhase::Pending(wanted.version, why.clone())
             }
-            TrialStep::StoringTrial(record, _)
-            | TrialStep::Applying(record, ..)
-            | TrialStep::Trying(record, ..)
-            | TrialStep::Restoring(record, ..) => ConfigPhase::Trying(record.version),
+            TrialStep::Trying(record, ..) | TrialStep::Restoring(record, ..) => {
+                ConfigPhase::Trying(record.version)
+            }
             TrialStep::Idle | TrialStep::Recording(..) | TrialStep::Removing(None, _) => {
                 match &self.next {
                     Some(wanted) => ConfigPhase::Pending(wanted.version, String::new()),

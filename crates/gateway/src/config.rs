@@ -20,7 +20,9 @@ use axum::http::header::{ETAG, HeaderValue, IF_MATCH};
 use axum::routing::{MethodRouter, delete, get, patch, post, put};
 pub(super) use desk::{Asks, Changed, Desk};
 use jiff::Timestamp;
-pub(super) use part::{NotApplied, RemoteConfig, RemoteConfigCalls, remote_config};
+#[cfg(feature = "fleet")]
+pub(super) use part::NotApplied;
+pub(super) use part::{RemoteConfig, RemoteConfigCalls, remote_config};
 use railbus_api::problem::{Problem, codes};
 use railbus_app::api::failures::bad_config;
 use railbus_app::config_check::warnings;

@@ -96,6 +96,7 @@ impl Site {
             self.does(TrialDone::Ok),
             TrialOutput::StoreTrial(_)
         ));
+        assert_eq!(self.0.phase(), ConfigPhase::Pending(version, String::new()));
         let applied = self.does(TrialDone::Ok);
         assert_eq!(
             applied,
