@@ -88,15 +88,19 @@ impl ManagedRecord {
         }
     }
 
-    /// The record for a centre with this key.
+    /// The record for a centre with this key. One that has none yet is of the first trial, which
+    /// was left.
     #[must_use]
     pub fn of(self, key: &str) -> ManagedRecord {
-        match self.key == key {
-            true => self,
-            false => ManagedRecord {
-                key: key.to_owned(),
-                ..ManagedRecord::default()
-            },
+        let is_its = self.key.is_empty() || self.key == key;
+        let kept = if is_its {
+            self
+        } else {
+            ManagedRecord::default()
+        };
+        ManagedRecord {
+            key: key.to_owned(),
+            ..kept
         }
     }
 

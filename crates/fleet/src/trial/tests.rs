@@ -675,6 +675,11 @@ fn a_start_leaves_what_was_changed_here() {
 fn what_another_centre_wanted_counts_no_more() {
     let of_one = ManagedRecord::default().of("V1").kept(3, part_hash("new"));
     assert_eq!(of_one.clone().of("V1"), of_one);
+    // A start takes back the first one before anybody says whose it is.
+    let left = left();
+    let found = recover(&file("new"), Some(&left), &ManagedRecord::default());
+    let first = found.expect("there was a trial").managed.of("V1");
+    assert_eq!((first.newest(), first.key.as_str()), (3, "V1"));
     let of_other = of_one.of("V2");
     assert_eq!((of_other.kept, of_other.key.as_str()), (0, "V2"));
 }

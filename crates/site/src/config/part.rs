@@ -1,6 +1,6 @@
-//! The part of a configuration that a centre may say. The rest is the site's own: which integrations
-//! it has, what is recorded, and what its owner allows. A layer of a centre can't know where a site
-//! keeps its credentials.
+//! The part of a configuration that a centre may say. The rest is the site's own: which
+//! integrations it has, what is recorded, and what its owner allows. A layer of a centre can't know
+//! where a site keeps its credentials.
 
 use super::Config;
 use super::read::line_and_column;
@@ -159,7 +159,8 @@ x = 1
         let new = "# New.\n[line.yard]\nport = \"/dev/ttyS2\"\n";
         assert_eq!(
             with_part(FILE, new).unwrap(),
-            "# The plant in the north.\naudit = true\n# New.\n[line.yard]\nport = \"/dev/ttyS2\"\n\n\
+            "# The plant in the north.\naudit = true\n\
+             # New.\n[line.yard]\nport = \"/dev/ttyS2\"\n\n\
              # To the office.\n[outlet.hq]\ntype = \"fleet\"\nservers = [\"nats1\"] # one\n\n\
              [[webhooks]]\nx = 1\n"
         );

@@ -1,5 +1,5 @@
-//! A site whose power is cut before or after any of its writes, from a seed, whose disk may write and
-//! say that it did not, and where people change the file. The judge knows which texts work.
+//! A site whose power is cut before or after any of its writes, from a seed, whose disk may write
+//! and say that it did not, and where people change the file. The judge knows which texts work.
 
 use super::*;
 use crate::dice::Dice;
@@ -56,7 +56,8 @@ struct World {
     left: Option<u64>,
     /// The texts of versions, from 1 on.
     versions: Vec<&'static str>,
-    /// Parts with which the site worked at the end of a whole trial in one run, and those of people.
+    /// Parts with which the site worked at the end of a whole trial in one run, and those of
+    /// people.
     proven: BTreeSet<String>,
     now: Duration,
     /// Since when the part is as it is, in this run.

@@ -91,7 +91,7 @@ async fn what_is_applied_has_the_permissions_of_an_engineer() {
     let (here, outlet) = site("rights", LINE);
     for (text, refused) in [
         (
-            "[line.main]\nport = \"/home/li/modem\"\n".to_owned(),
+            "[line.main]\nport = \"/srv/modem\"\n".to_owned(),
             codes::PORT_NOT_ALLOWED,
         ),
         (format!("{LINE}{OWN}"), codes::ROLE),
@@ -116,7 +116,7 @@ async fn what_an_engineer_may_not_say_is_refused() {
         ("[line.main\n", codes::BAD_CONFIG),
         (own, codes::SITE_OWN),
         (
-            "[line.main]\nport = \"/home/li/modem\"\n",
+            "[line.main]\nport = \"/srv/modem\"\n",
             codes::PORT_NOT_ALLOWED,
         ),
     ] {

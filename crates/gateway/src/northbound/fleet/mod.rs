@@ -97,8 +97,8 @@ const FIELDS: &[Field] = &[
     )
     .with_hint([
         "As railbus fleet config-key DIR shows it at the centre, which then may say the lines, \
-         modules, groups, scenes and rules of this site: also which module is what write names. None \
-         if left empty",
+         modules, groups, scenes and rules of this site: also which module is what write names. \
+         None if left empty",
         "填写中心 railbus fleet config-key 文件夹 显示的密钥后，中心可下发本站的总线、模块、分组、场景和规则，\
          包括 write 所列名称对应哪个模块；留空则不接受",
     ]),
