@@ -11,6 +11,8 @@ use prost::Message as _;
 pub const CONFIG_TEXT_MAX: usize = 512 << 10;
 /// The longest name of who wanted it, in bytes.
 const USER_MAX: usize = 256;
+/// The highest version: programs in other languages read it exactly.
+const VERSION_MAX: u64 = 1 << 53;
 /// The longest hash, in bytes.
 const HASH_LEN: usize = 32;
 /// What comes before what is signed: no other signature of this key is one of a configuration.
@@ -171,7 +173,7 @@ fn check(document: &ConfigDocument) -> Result<(), DesiredError> {
         return Err(DesiredError::TooLong);
     }
     // The first version is 1: 0 is none.
-    let can_be = document.version > 0
+    let can_be = (1..=VERSION_MAX).contains(&document.version)
         && is_site_name(&document.site)
         && document.user.len() <= USER_MAX
         && document.replaces.len() <= HASH_LEN;
@@ -255,6 +257,7 @@ mod tests {
         assert_eq!(wrong(|_| {}), None);
         let malformed = Some(DesiredError::Malformed);
         assert_eq!(wrong(|one| one.version = 0), malformed);
+        assert_eq!(wrong(|one| one.version = u64::MAX), malformed);
         assert_eq!(wrong(|one| one.site = "a.b".to_owned()), malformed);
         assert_eq!(wrong(|one| one.user = "x".repeat(257)), malformed);
         assert_eq!(wrong(|one| one.replaces = vec![0; 33]), malformed);

@@ -85,6 +85,8 @@ pub enum TrialInput {
     Health(TrialHealth),
     /// The file, if it was changed here.
     File(ConfigText),
+    /// What drives this ends, although the site goes on: nobody would judge what is tried.
+    Leave,
     /// The result of the last output.
     Done(TrialDone),
 }
@@ -248,17 +250,17 @@ impl ConfigTrial {
             }
         };
         let TrialRefusal { reason, problem } = why.unwrap_or_default();
-        let managed = self.managed();
         let is_centres = match &self.step {
-            TrialStep::Trying(record, ..) | TrialStep::Restoring(record, ..) => {
-                self.file.hash == record.after_hash
-            }
-            _ => managed.is_kept(&self.file),
+            TrialStep::Trying(record, ..)
+            | TrialStep::Restoring(record, ..)
+            | TrialStep::Undoing(record, ..) => self.file.hash == record.after_hash,
+            TrialStep::Recording(record, _) => record.is_kept(&self.file),
+            _ => self.managed.is_kept(&self.file),
         };
         ConfigReport {
             phase: phase.into(),
             version,
-            kept: managed.kept,
+            kept: self.managed.kept,
             hash: self.file.hash.clone(),
             is_local: !is_centres,
             reason,
@@ -284,20 +286,15 @@ impl ConfigTrial {
             TrialStep::Trying(record, ..) | TrialStep::Restoring(record, ..) => {
                 ConfigPhase::Trying(record.version)
             }
-            TrialStep::Idle | TrialStep::Recording(..) | TrialStep::Removing(None, _) => {
-                match &self.next {
-                    Some(wanted) => ConfigPhase::Pending(wanted.version, String::new()),
-                    None => self.managed().phase(&self.file),
-                }
+            // Until that is recorded, a restart takes it back.
+            TrialStep::Recording(record, _) if record.kept > self.managed.kept => {
+                ConfigPhase::Trying(record.kept)
             }
-        }
-    }
-
-    /// What is recorded, or is being.
-    const fn managed(&self) -> &ManagedRecord {
-        match &self.step {
-            TrialStep::Recording(record, _) => record,
-            _ => &self.managed,
+            TrialStep::Recording(record, _) => record.phase(&self.file),
+            TrialStep::Idle | TrialStep::Removing(None, _) => match &self.next {
+                Some(wanted) => ConfigPhase::Pending(wanted.version, String::new()),
+                None => self.managed.phase(&self.file),
+            },
         }
     }
 
@@ -347,7 +344,7 @@ impl ConfigTrial {
         match input {
             TrialInput::Wanted(wanted) => {
                 let newest = self.next.as_ref().map_or(0, |next| next.version);
-                if wanted.version > newest.max(self.under_way()).max(self.managed().newest()) {
+                if wanted.version > newest.max(self.under_way()).max(self.managed.newest()) {
                     self.next = Some(wanted);
                 }
             }
@@ -356,6 +353,13 @@ impl ConfigTrial {
                 self.steady.get_or_insert(now);
             }
             TrialInput::File(file) => self.is_now(now, file),
+            TrialInput::Leave => {
+                self.next = None;
+                if let TrialStep::Trying(record, ..) = &self.step {
+                    let why = "the integration was ended while it was tried";
+                    self.take_back(record.clone(), why.to_owned());
+                }
+            }
             TrialInput::Done(done) => self.done(now, done),
         }
     }
@@ -377,7 +381,8 @@ impl ConfigTrial {
     /// The version that is under way.
     fn under_way(&self) -> u64 {
         match &self.step {
-            TrialStep::Idle | TrialStep::Recording(..) | TrialStep::Removing(None, _) => 0,
+            TrialStep::Idle | TrialStep::Removing(None, _) => 0,
+            TrialStep::Recording(record, _) => record.newest(),
             TrialStep::Checking(wanted)
             | TrialStep::Waiting(wanted, ..)
             | TrialStep::Removing(Some((wanted, _)), _) => wanted.version,

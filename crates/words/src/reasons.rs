@@ -326,6 +326,10 @@ const REASONS: &[[&str; 2]] = &[
     ["there is no session with the centre", "与中心没有会话"],
     ["a part of the program panicked", "程序的一部分已崩溃"],
     [
+        "the integration was ended while it was tried",
+        "试用期间集成已停止",
+    ],
+    [
         "the site was restarted while it was tried",
         "试用期间站点重启",
     ],
@@ -338,6 +342,7 @@ const REASONS: &[[&str; 2]] = &[
         "配置已在站点本地更改",
     ],
     ["its signature is wrong", "签名有误"],
+    ["what is recorded of it is not read yet", "尚未读取其记录"],
     ["it is of another site", "属于其他站点"],
     ["no answer", "无应答"],
     [

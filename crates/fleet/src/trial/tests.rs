@@ -536,9 +536,10 @@ fn what_may_have_been_written_comes_back_first() {
     site.checks("new");
 }
 
-/// While the end is recorded, however long that takes, it is said as it is.
+/// While the end is recorded, however long that takes, it is not said to be kept: a restart takes
+/// it back. Nor is the end of the one before said.
 #[test]
-fn the_end_is_told_before_it_is_recorded() {
+fn one_is_said_to_be_kept_once_that_is_recorded() {
     let mut site = Site::new();
     site.tries(3, "new");
     let one = TrialHealth {
@@ -554,12 +555,28 @@ fn the_end_is_told_before_it_is_recorded() {
         site.does(TrialDone::Failed("disk full".to_owned())),
         TrialOutput::StoreManaged(_)
     ));
-    let report = site.0.report();
-    assert_eq!(
-        (report.phase(), report.version),
-        (ConfigPhaseKind::Current, 4)
-    );
-    assert_eq!((report.kept, report.is_local), (4, false));
+    let told = |site: &Site| {
+        let report = site.0.report();
+        let ConfigReport { version, kept, .. } = report;
+        (report.phase(), version, kept, report.is_local)
+    };
+    assert_eq!(told(&site), (ConfigPhaseKind::Trying, 4, 0, false));
+    site.1 += AGAIN;
+    site.ends();
+    assert_eq!(told(&site), (ConfigPhaseKind::Current, 4, 4, false));
+}
+
+/// Nobody would judge it, and its record would take something else back long afterwards.
+#[test]
+fn what_is_tried_is_taken_back_where_what_drives_it_ends() {
+    let mut site = Site::new();
+    site.0.handle(site.1, TrialInput::Leave);
+    assert_eq!(site.next(), None);
+    site.tries(3, "new");
+    site.wants(4, "newer");
+    site.0.handle(site.1, TrialInput::Leave);
+    let why = site.takes_back();
+    assert_eq!(why, "the integration was ended while it was tried");
 }
 
 /// The site is not whole yet after the one before was taken back, or while a line is lent.

@@ -14,7 +14,7 @@ use railbus_api::problem::{Problem, codes};
 use railbus_app::api::failures::bad_config;
 use railbus_site::Config;
 use railbus_site::config::keeper::etag;
-use railbus_site::config::part::{PartError, own_differences, part_of, taken_back, with_part};
+use railbus_site::config::part::{PartError, part_of, taken_back, with_part};
 use railbus_words::Lang;
 use std::sync::Arc;
 use tokio::sync::{mpsc, oneshot, watch};
@@ -238,15 +238,13 @@ async fn check(site: &Site, wanted: PartCheck) -> Result<String, NotApplied> {
     checked(site, &who, &before, &part).map_err(NotApplied::Refused)
 }
 
-/// Whether the file says of the site's own what is in force. One that is gone or empty, or was
-/// changed and not read yet, is not begun anew by a centre.
+/// Whether the file is what is in force. One that is gone or empty, or was changed and not read yet,
+/// is not begun anew by a centre; and what was before must be able to come back.
 fn as_in_force(site: &Site, text: &str) -> Result<(), NotApplied> {
     let file = site.desk.file().display().to_string();
-    let config = Config::parse(text);
-    // What was before must be able to come back.
-    let config =
-        config.map_err(|problems| NotApplied::Failed(bad_config(Lang::En, &file, &problems)))?;
-    let tables = own_differences(&site.service.config(), &config);
+    let config = Config::parse(text)
+        .map_err(|problems| NotApplied::Failed(bad_config(Lang::En, &file, &problems)))?;
+    let tables = site.service.config().differences(&config);
     match tables.is_empty() {
         true => Ok(()),
         false => Err(NotApplied::Failed(
@@ -265,7 +263,11 @@ fn checked(site: &Site, who: &Caller, before: &str, part: &str) -> Result<String
     }
     // With the lines of the part, which the centre has.
     Config::parse(part).map_err(|problems| bad_config(Lang::En, NAME, &problems))?;
-    let unreadable = |error: PartError| unreadable(site, &error);
+    let unreadable = |error: PartError| {
+        Problem::new(codes::CONFIG_FILE)
+            .with("file", site.desk.file().display().to_string())
+            .with("reason", error.to_string())
+    };
     let text = whole.map_err(unreadable)?;
     let new = Config::parse(&text);
     let new = new.map_err(|problems| bad_config(Lang::En, NAME, &problems))?;
@@ -273,12 +275,6 @@ fn checked(site: &Site, who: &Caller, before: &str, part: &str) -> Result<String
     bring::may_bring((who, site), before, &text)?;
     bring::may_lead((who, site), before, &text)?;
     Ok(text)
-}
-
-fn unreadable(site: &Site, error: &PartError) -> Problem {
-    Problem::new(codes::CONFIG_FILE)
-        .with("file", site.desk.file().display().to_string())
-        .with("reason", error.to_string())
 }
 
 async fn apply(site: &Site, wanted: PartChange) -> Result<String, NotApplied> {
@@ -299,8 +295,7 @@ async fn apply(site: &Site, wanted: PartChange) -> Result<String, NotApplied> {
         return Err(NotApplied::Other(now));
     }
     let text = match is_back {
-        true => taken_back(&now, &before, &text)
-            .map_err(|error| NotApplied::Failed(unreadable(site, &error)))?,
+        true => taken_back(&now, &before, &text),
         false => {
             as_in_force(site, &now)?;
             let may = bring::may_bring((&who, site), &now, &text)

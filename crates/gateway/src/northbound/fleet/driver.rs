@@ -103,12 +103,12 @@ pub(super) async fn run(outlet: Outlet) -> Result<(), Problem> {
     let configured = Configured::of(&outlet.service.config(), outlet.kind.name);
     files::remove_stale(&outlet.folder, &configured);
     let boot = random().map_err(|error| internal(&error))?;
-    let mut managed = Managed::start(&outlet)?;
+    let managed = Managed::start(&outlet)?;
     let outbox = match outbox::start_for_again(&outlet, days) {
         Ok(outbox) => outbox,
         Err(problem) => {
             // A trial that was left does not wait for it.
-            if let Some(managed) = &mut managed {
+            if let Some(managed) = managed {
                 managed.settle(SETTLE_MAX).await;
             }
             return Err(problem);
@@ -174,6 +174,7 @@ impl Driver {
             let begun = Instant::now();
             let opened = tokio::select! {
                 () = &mut stopped => return Ok(()),
+                problem = managed::ended(self.managed.as_mut()) => return Err(problem),
                 opened = Connection::open(&self.outlet) => opened,
             };
             let problem = match opened {
@@ -203,6 +204,7 @@ impl Driver {
             loop {
                 tokio::select! {
                     () = &mut stopped => return Ok(()),
+                    problem = managed::ended(self.managed.as_mut()) => return Err(problem),
                     () = tokio::time::sleep_until(again) => break,
                     input = self.recorded.next() => match input {
                         Some(input) => {
@@ -488,7 +490,7 @@ impl Driver {
 
     async fn drive(&mut self, connection: &Connection) -> Result<(), Problem> {
         self.handle(UplinkInput::Stuck(self.recorded.outbox.is_stuck()));
-        let report = self.managed.as_ref().and_then(Managed::report);
+        let report = self.managed.as_ref().map(Managed::report);
         self.uplink.set_config(report);
         loop {
             let clock = millis(SystemTime::now());
@@ -562,7 +564,7 @@ impl Driver {
             outbox::remove(&self.outlet.outbox_file());
             // What stays is removed by the next outlet of this kind.
             let _ = std::fs::remove_file(self.outlet.kept());
-            TrialFiles::new(&self.outlet.folder, &self.outlet.name).remove();
+            TrialFiles::new(&self.outlet.folder, &self.outlet.name).remove_managed();
             let credentials = FleetAccess::of(&self.outlet.settings.borrow()).credentials;
             let config = self.outlet.service.config();
             let configured = Configured::of(&config, self.outlet.kind.name);

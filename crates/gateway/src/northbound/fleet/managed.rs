@@ -120,26 +120,33 @@ impl Managed {
         }))
     }
 
-    /// Waits a while until a trial that was left is taken back.
-    pub(super) async fn settle(&mut self, within: Duration) {
+    /// Waits a while until a trial that was left is taken back, and ends it.
+    pub(super) async fn settle(mut self, within: Duration) {
         let is_over = |view: &Option<ManagedView>| {
             let phase = view.as_ref().map(|view| view.report.phase());
             phase.is_some_and(|phase| phase != ConfigPhaseKind::Trying)
         };
         let _ = tokio::time::timeout(within, self.view.wait_for(is_over)).await;
+        self.end(within).await;
     }
 
-    /// Ends it between two steps: what is under way on the disk is not to meet what the next run
-    /// does there.
+    /// Ends it between two steps, and takes back what is tried: what is under way on the disk is not
+    /// to meet what the next run does there.
     pub(super) async fn end(mut self, within: Duration) {
         self.over.notify_one();
         let _ = tokio::time::timeout(within, &mut self.task).await;
     }
 
-    /// How far the configuration is.
-    pub(super) fn report(&self) -> Option<ConfigReport> {
+    /// How far the configuration is; in no known phase until what is recorded could be read.
+    pub(super) fn report(&self) -> ConfigReport {
         let view = self.view.borrow();
-        view.as_ref().map(|view| view.report.clone())
+        view.as_ref().map_or_else(
+            || ConfigReport {
+                reason: "what is recorded of it is not read yet".to_owned(),
+                ..ConfigReport::default()
+            },
+            |view| view.report.clone(),
+        )
     }
 
     /// Whether there is a session with the centre.
@@ -173,6 +180,15 @@ pub(super) async fn changed(managed: Option<&mut Managed>) -> Result<(), Problem
             Problem::new(codes::INTERNAL).with("reason", "what takes configurations has ended")
         }),
         None => std::future::pending().await,
+    }
+}
+
+/// Waits until its task has ended: why that is a failure. Cancel-safe.
+pub(super) async fn ended(mut managed: Option<&mut Managed>) -> Problem {
+    loop {
+        if let Err(problem) = changed(managed.as_deref_mut()).await {
+            return problem;
+        }
     }
 }
 
@@ -318,7 +334,12 @@ impl ManagedTask {
                         return;
                     }
                 }
-                () = self.over.notified() => return,
+                () = self.over.notified() => {
+                    // The next start takes back what can't be now.
+                    trial.handle(since_boot(), TrialInput::Leave);
+                    self.drive(&mut trial).await;
+                    return;
+                }
                 () = due => {}
             }
         }

@@ -62,9 +62,9 @@ impl TrialFiles {
         removed.map_err(|error| unusable(&self.trial, &error))
     }
 
-    /// Removes them with their outlet. What stays does no harm.
-    pub(super) fn remove(&self) {
-        let _ = std::fs::remove_file(&self.trial);
+    /// Removes what is recorded with its outlet. What stays does no harm, and a trial that could not
+    /// be taken back is for the next start.
+    pub(super) fn remove_managed(&self) {
         let _ = std::fs::remove_file(&self.managed);
     }
 }
@@ -120,7 +120,6 @@ fn recover_one(config: &Path, state: &Path, outlet: &str) -> Result<(), Problem>
         };
         if is_back {
             let text = taken_back(&file.text, &trial.after, &trial.before);
-            let text = text.map_err(|error| failed(&error))?;
             match keeper.write(&file.text, &text, &format!("outlet:{outlet}")) {
                 Ok(()) => {}
                 // Somebody changes it just now.
