@@ -69,15 +69,20 @@ export const fleet = {
   fleet_cfg_version: ["Version {n}", "版本 {n}"],
   fleet_config_wanted: ["Version {n} was given", "已下发版本 {n}"],
   fleet_config_old: ["This is what the centre gave last, not what the site has now.", "以下为中心上次下发的内容，不一定是站点现有配置。"],
+  fleet_config_then: ["The site is away. So it was {ago}.", "站点不在线。以上为{ago}的情况。"],
+  fleet_config_outdated: [
+    "The site, or what was given last, has changed since this text was read. Sending it may be refused.",
+    "读取此文本之后，站点配置或最近下发的版本已有变化，下发可能被拒绝。",
+  ],
   fleet_config_send: ["Send to the site…", "下发到站点…"],
   fleet_config_own: [
-    "Integrations, the audit log and what the owner allows are the site's own and not part of this text.",
-    "集成、审计日志以及所有者允许的内容由站点自行设置，不在此文本中。",
+    "Integrations, history, the audit log and what the owner allows are the site's own and not part of this text.",
+    "集成、历史、审计日志以及所有者允许的内容由站点自行设置，不在此文本中。",
   ],
   fleet_config_sure: ["Send this configuration to {name}?", "将此配置下发到 {name}？"],
   fleet_config_what: [
-    "The site applies it and tries it for two minutes. If a line, a module or its connection to the centre is lost, it goes back by itself.",
-    "站点将应用并试用两分钟。若总线、模块或与中心的连接中断，站点会自动恢复先前配置。",
+    "The site applies it, when it is there, and tries it for two minutes. If a line, a module or its connection to the centre is lost, it goes back by itself.",
+    "站点在线时将应用并试用两分钟。若总线、模块或与中心的连接中断，站点会自动恢复先前配置。",
   ],
   fleet_notes: ["Attention", "关注原因"],
   fleet_duplicate: [
