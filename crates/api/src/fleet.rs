@@ -273,7 +273,7 @@ pub struct FleetConfigState {
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct SetSiteConfig {
     /// What the file is to say, at most 512 KiB, without what only the site itself says: its
-    /// integrations, and the tables `audit`, `ports` and `webhooks`.
+    /// integrations, and the tables `history`, `audit`, `ports` and `webhooks`.
     pub text: String,
     /// The version that its author has seen as the newest one, 0 for none: if there is another one,
     /// it is refused. Without it, it follows whatever is the newest.

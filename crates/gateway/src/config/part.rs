@@ -238,8 +238,8 @@ async fn check(site: &Site, wanted: PartCheck) -> Result<String, NotApplied> {
     checked(site, &who, &before, &part).map_err(NotApplied::Refused)
 }
 
-/// Whether the file is what is in force. One that is gone or empty, or was changed and not read yet,
-/// is not begun anew by a centre; and what was before must be able to come back.
+/// Whether the file is what is in force. One that is gone or empty, or was changed and not read
+/// yet, is not begun anew by a centre; and what was before must be able to come back.
 fn as_in_force(site: &Site, text: &str) -> Result<(), NotApplied> {
     let file = site.desk.file().display().to_string();
     let config = Config::parse(text)

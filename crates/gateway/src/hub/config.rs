@@ -31,7 +31,7 @@ use railbus_fleet::message::{
 use railbus_fleet::trial::part_hash;
 use railbus_site::Config;
 use railbus_site::config::part::{PartError, with_part};
-use railbus_words::Lang;
+use railbus_words::{Lang, reasons};
 use std::time::Duration;
 
 /// The longest body with a configuration, in bytes: JSON may write each byte of the text in six,
@@ -162,8 +162,11 @@ pub(super) fn brief(report: &ConfigReport) -> FleetSiteConfig {
 
 /// How far the configuration of a site is, by its heartbeat of so long ago.
 pub(super) fn state(site: &str, report: &ConfigReport, heard: Duration) -> FleetConfigState {
-    let is_pending = report.phase() == ConfigPhaseKind::Pending;
-    let reason = Some(&report.reason).filter(|reason| is_pending && !reason.is_empty());
+    let has_problem = !matches!(
+        report.phase(),
+        ConfigPhaseKind::Pending | ConfigPhaseKind::Unspecified
+    );
+    let reason = Some(&report.reason).filter(|reason| !has_problem && !reason.is_empty());
     FleetConfigState {
         phase: phase(report),
         version: version(report.version),
@@ -317,6 +320,8 @@ fn in_words(api: &HubApi, headers: &HeaderMap, mut told: FleetConfig) -> FleetCo
         if let Some(state) = &mut told.state {
             let problem = state.problem.take();
             state.problem = problem.map(|problem| localize::told(lang, problem));
+            let reason = state.reason.take();
+            state.reason = reason.map(|reason| reasons::told(lang, &reason));
         }
     }
     told

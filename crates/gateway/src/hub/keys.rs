@@ -62,7 +62,9 @@ fn signers(files: &HubFiles) -> Result<Signers, Problem> {
     // A fleet that was founded before has none for invitations.
     let invitations = files.join_signing.exists();
     let invitations = invitations.then(|| signer(&files.join_signing));
-    let config = config_signer(files)?;
+    // Sites get their keys also where this one can't be read; what is to be signed with it is
+    // refused.
+    let config = config_signer(files).ok().flatten();
     Ok(Signers {
         sites: signer(&files.site_signing)?,
         invitations: invitations.transpose()?,

@@ -375,7 +375,7 @@ mod tests {
         assert!(stream.allow_direct);
         let longest = ConfigDocument {
             site: "s".repeat(64),
-            version: u64::MAX,
+            version: 1 << 53,
             text: "#".repeat(CONFIG_TEXT_MAX),
             user: "u".repeat(256),
             at_ms: i64::MAX,

@@ -1,5 +1,6 @@
 //! Documents in streams: stored by compare-and-set, read from the leader, and deleted.
 
+use super::link::DESIRED_STREAM;
 use async_nats::jetstream::Context;
 use async_nats::jetstream::ErrorCode;
 use async_nats::jetstream::context::{PublishError, PublishErrorKind};
@@ -12,8 +13,13 @@ use std::error::Error as _;
 /// The latest document of a subject and its revision; none if there is none.
 pub(super) type LastDocument = Option<(Vec<u8>, u64)>;
 
-/// The streams with what sites say.
-const OF_SITES: [&str; 2] = ["STATE", "DATA"];
+/// The streams of which a removed site leaves nothing, and how its subjects begin there: what it
+/// said, and what it was to be.
+const OF_SITES: [(&str, &str); 3] = [
+    ("STATE", "rb.up"),
+    ("DATA", "rb.up"),
+    (DESIRED_STREAM, "rb.desired"),
+];
 
 /// Stores a document, provided that the latest one of its subject has this revision.
 pub(super) async fn put(
@@ -67,18 +73,18 @@ pub(super) async fn last_of(
 }
 
 /// How far streams are: their names and last numbers.
-pub(super) struct StreamEnds(Vec<(&'static str, u64)>);
+pub(super) struct StreamEnds(Vec<(&'static str, &'static str, u64)>);
 
-/// How far the streams with what sites say are.
+/// How far the streams of which a removed site leaves nothing are.
 ///
 /// # Errors
 /// They can't be used.
 pub(super) async fn ends(streams: &Context) -> Result<StreamEnds, Problem> {
     let mut ends = Vec::new();
-    for name in OF_SITES {
+    for (name, subjects) in OF_SITES {
         let stream = streams.get_stream(name).await;
         let stream = stream.map_err(|error| unusable(&error))?;
-        ends.push((name, stream.cached_info().state.last_sequence));
+        ends.push((name, subjects, stream.cached_info().state.last_sequence));
     }
     Ok(StreamEnds(ends))
 }
@@ -98,10 +104,10 @@ pub(super) async fn purge(
 ) -> Result<(), Problem> {
     // What people said first: it would count again. One that fails does not keep the others.
     let mut end = purge_before(streams, "FLEET", (&document_subject(site), revision)).await;
-    let said = format!("rb.up.{site}.*");
     // A stream without messages has nothing of before, and what comes now is to stay.
-    for (name, last) in ends.into_iter().filter(|(_, last)| *last > 0) {
-        let purged = purge_before(streams, name, (&said, last.saturating_add(1))).await;
+    for (name, subjects, last) in ends.into_iter().filter(|(_, _, last)| *last > 0) {
+        let its = format!("{subjects}.{site}.*");
+        let purged = purge_before(streams, name, (&its, last.saturating_add(1))).await;
         end = end.and(purged);
     }
     end

@@ -201,7 +201,7 @@ fn what_is_no_order_for_a_configuration_asks_nobody() {
         "fleet config".to_owned(),
         "fleet config Plant7".to_owned(),
         "fleet config a/b".to_owned(),
-        "fleet config plant7 --replace".to_owned(),
+        "fleet config plant7 --replace 1a2b3c4d".to_owned(),
         "fleet config plant7 --no-wait".to_owned(),
         "fleet config plant7 --text --wanted".to_owned(),
         format!("fleet config plant7 {file} --text"),

@@ -282,12 +282,12 @@ codes! {
             railbus fleet config-key 文件夹 可显示该密钥"],
     }
     SiteConfigChanged = "E0943" {
-        title: ["the site has a configuration that its centre did not make",
-            "该站点的配置不是由中心下发的"],
+        title: ["what the site has is not the configuration that its centre gave it",
+            "该站点的配置与中心下发的不一致"],
         likely: ["it was changed at the site · it had one before the centre gave it any",
             "配置已在站点本地更改 · 中心首次下发之前站点已有配置"],
-        next: ["look at it, railbus fleet config SITE --text, then replace it: --replace",
-            "先查看：railbus fleet config 站点 --text，确认后加 --replace 替换"],
+        next: ["look at it, railbus fleet config SITE --text, then replace it: --replace HASH",
+            "先查看：railbus fleet config 站点 --text，确认后用 --replace 哈希 替换"],
     }
     ConfigTakenBack = "E0944" {
         title: ["the site did not work as before, and went back to the configuration before",
@@ -312,9 +312,9 @@ codes! {
     }
     SiteOwn = "E0947" {
         title: ["this part of a configuration is the site's own", "配置的这一部分只能由站点自己设置"],
-        likely: ["integrations, audit, and what the owner of a site allows are not for the centre \
-            to say",
-            "集成、审计以及站点所有者允许的内容不能由中心下发"],
+        likely: ["integrations, history, audit, and what the owner of a site allows are not for \
+            the centre to say",
+            "集成、历史、审计以及站点所有者允许的内容不能由中心下发"],
         next: ["leave it out, and change it at the site", "删去这一部分，并在站点本地更改"],
     }
     Differs = "E1001" {

@@ -8,13 +8,12 @@ use crate::hub::link::{DESIRED_STREAM, Link};
 use crate::hub::streams::{last_of, put};
 use crate::hub::view::{SCHEMA, presence};
 use async_nats::jetstream::Context;
-use prost::Message as _;
 use railbus_api::fleet::{FleetConfig, FleetPresence};
 use railbus_api::problem::{Problem, codes};
 use railbus_fleet::centre::StoreEnd;
-use railbus_fleet::desired::ConfigSigner;
+use railbus_fleet::desired::{ConfigSigner, ConfigVerifier};
 use railbus_fleet::is_site_name;
-use railbus_fleet::message::{ConfigDocument, SignedConfig};
+use railbus_fleet::message::ConfigDocument;
 use railbus_store::history::millis;
 use std::time::SystemTime;
 use tokio::sync::mpsc::UnboundedSender;
@@ -64,9 +63,11 @@ impl Driver {
             }
         };
         let (ends, acts) = (self.ends.0.clone(), false);
+        let signer = config_signer(&self.files).ok().flatten();
+        let key = signer.map(|signer| signer.public_key());
         let asked = AskedConfig { site, acts, to };
         tokio::spawn(async move {
-            let found = newest(&streams, &asked.site).await;
+            let found = newest(&streams, &asked.site, key.as_deref()).await;
             told(&ends, asked, found.map(|(document, _)| document));
         });
     }
@@ -127,9 +128,10 @@ impl Driver {
         let found = found.map(|newest| FleetConfig {
             schema: SCHEMA,
             site: asked.site,
+            // No machine ever had this name: none is there.
             presence: site
                 .as_ref()
-                .map_or(FleetPresence::Unknown, |site| presence(site.presence)),
+                .map_or(FleetPresence::Offline, |site| presence(site.presence)),
             wanted: newest.map(config::wanted),
             state: site.and_then(|site| {
                 let report = site.config?;
@@ -155,19 +157,22 @@ fn subject(site: &str) -> String {
     format!("rb.desired.{site}.config")
 }
 
-/// The newest configuration of a site, and its revision.
-async fn newest(streams: &Context, site: &str) -> Result<(Option<ConfigDocument>, u64), Problem> {
+/// The newest configuration of a site, and its revision. What this key did not sign for it counts
+/// for nothing, as at the site: somebody may have the servers.
+async fn newest(
+    streams: &Context,
+    site: &str,
+    key: Option<&str>,
+) -> Result<(Option<ConfigDocument>, u64), Problem> {
     let failed = |reason: &str| Problem::new(codes::FLEET_STREAMS).with("reason", reason);
     let found = last_of(streams, DESIRED_STREAM, &subject(site)).await;
     let found = found.ok_or_else(|| failed("the stream can't be read"))?;
     let Some((payload, revision)) = found else {
         return Ok((None, 0));
     };
-    let document = SignedConfig::decode(&*payload);
-    let document = document.and_then(|signed| ConfigDocument::decode(&*signed.document));
-    // Without its version nobody knows what a later one is.
-    let document = document.map_err(|_| failed("the newest configuration can't be read"))?;
-    Ok((Some(document), revision))
+    let verifier = key.and_then(|key| ConfigVerifier::new(key).ok());
+    let document = verifier.and_then(|verifier| verifier.open(site, &payload).ok());
+    Ok((document, revision))
 }
 
 /// Stores a configuration as the version after the newest one, and after the one that the site
@@ -178,7 +183,8 @@ async fn store(
     given: GivenConfig,
     said: u64,
 ) -> Result<ConfigDocument, Problem> {
-    let (document, after) = newest(streams, &given.site).await?;
+    let key = signer.public_key();
+    let (document, after) = newest(streams, &given.site, Some(&key)).await?;
     let newest = document.map_or(0, |document| document.version);
     if let Some(problem) = given.conflict(newest) {
         return Err(problem);

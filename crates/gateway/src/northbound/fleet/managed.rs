@@ -130,8 +130,8 @@ impl Managed {
         self.end(within).await;
     }
 
-    /// Ends it between two steps, and takes back what is tried: what is under way on the disk is not
-    /// to meet what the next run does there.
+    /// Ends it between two steps, and takes back what is tried: what is under way on the disk is
+    /// not to meet what the next run does there.
     pub(super) async fn end(mut self, within: Duration) {
         self.over.notify_one();
         let _ = tokio::time::timeout(within, &mut self.task).await;

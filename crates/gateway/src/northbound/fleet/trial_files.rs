@@ -62,8 +62,8 @@ impl TrialFiles {
         removed.map_err(|error| unusable(&self.trial, &error))
     }
 
-    /// Removes what is recorded with its outlet. What stays does no harm, and a trial that could not
-    /// be taken back is for the next start.
+    /// Removes what is recorded with its outlet. What stays does no harm, and a trial that could
+    /// not be taken back is for the next start.
     pub(super) fn remove_managed(&self) {
         let _ = std::fs::remove_file(&self.managed);
     }

@@ -24,9 +24,12 @@ use texts::SiteConfigText;
 /// The name of the command.
 pub(super) const NAME: &str = "config";
 
+/// How many digits of a hash are shown; at least so many are given.
+const HASH_SHOWN: usize = 8;
+
 /// Its parser and help.
 pub(super) fn define(lang: Lang) -> Command {
-    let usage = "railbus fleet config SITE [FILE [--replace] [--no-wait]|--text|--wanted]";
+    let usage = "railbus fleet config SITE [FILE [--replace HASH]|--text|--wanted]";
     let switch = |name, help| args::flag(lang, name, help).action(ArgAction::SetTrue);
     args::verb(lang, NAME, SiteConfigText::About, usage)
         .before_help(args::examples(lang, SiteConfigText::Examples))
@@ -34,7 +37,11 @@ pub(super) fn define(lang: Lang) -> Command {
         .arg(Arg::new("FILE").help(lang.get(SiteConfigText::File)))
         .arg(switch("text", SiteConfigText::Now).conflicts_with_all(["FILE", "wanted"]))
         .arg(switch("wanted", SiteConfigText::Newest).conflicts_with("FILE"))
-        .arg(switch("replace", SiteConfigText::Replace).requires("FILE"))
+        .arg(
+            args::flag(lang, "replace", SiteConfigText::Replace)
+                .value_name("HASH")
+                .requires("FILE"),
+        )
         .arg(switch("no-wait", SiteConfigText::NoWait).requires("FILE"))
 }
 
@@ -49,7 +56,11 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
     if matches.get_flag("text") {
         let told = super::ask(context, matches, async |hub| hub.config_text(site).await)?;
         let row = json!({ "site": told.site, "text": told.text, "hash": told.hash });
-        return print(context, &told.text, row);
+        print(context, &told.text, row)?;
+        let values: &[(&str, &dyn std::fmt::Display)] =
+            &[("site", &site), ("hash", &short(&told.hash))];
+        context.note(&lang.fill(SiteConfigText::HashNote, values));
+        return Ok(());
     }
     let told = super::ask(context, matches, async |hub| hub.config(site).await)?;
     if !matches.get_flag("wanted") {
@@ -65,6 +76,11 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
         "text": wanted.text,
     });
     print(context, &wanted.text, row)
+}
+
+/// The beginning of a hash.
+fn short(hash: &str) -> &str {
+    hash.get(..HASH_SHOWN).unwrap_or(hash)
 }
 
 /// Prints a text, or this in JSON. A terminal is not controlled by it.
@@ -115,6 +131,9 @@ fn shown(context: &Context, told: &FleetConfig) -> Records {
         }
         for why in why(context, state) {
             add(SiteConfigText::RowWhy, why);
+        }
+        if state.changed_at_site {
+            add(SiteConfigText::RowHash, short(&state.hash).to_owned());
         }
         if !is_online {
             add(SiteConfigText::RowHeard, ago(lang, state.heard_ms));

@@ -1,7 +1,7 @@
 //! A configuration that is given to a site, and what becomes of it.
 
 use super::texts::SiteConfigText;
-use super::{FleetConfig, FleetPresence, OUTPUT, shown};
+use super::{FleetConfig, FleetPresence, HASH_SHOWN, OUTPUT, shown};
 use crate::commands::Context;
 use crate::commands::context::hub_socket;
 use crate::commands::fleet::{self, unusable};
@@ -18,10 +18,15 @@ use railbus_words::{Code, reasons};
 use std::fs::File;
 use std::io::{Read, stdin};
 use std::path::Path;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// How often it is asked how far it is.
 const ASK: Duration = Duration::from_secs(1);
+
+/// How long a centre that has just been connected may take to know whether a site is there.
+const KNOWN_MAX: Duration = Duration::from_secs(40);
+/// How many digits a hash has.
+const HASH_LEN: usize = 64;
 
 /// What became of a version.
 #[derive(Clone, Debug, PartialEq)]
@@ -46,7 +51,17 @@ pub(super) fn run(context: &Context, matches: &ArgMatches, site: &str) -> Result
     let file = fleet::text(matches, "FILE");
     let text = read(context, file)?;
     let named = hub_socket(matches);
-    let (replaces, waits) = (matches.get_flag("replace"), !matches.get_flag("no-wait"));
+    let waits = !matches.get_flag("no-wait");
+    let replaces = matches.get_one::<String>("replace");
+    let is_hash = |hash: &&String| {
+        let length = (HASH_SHOWN..=HASH_LEN).contains(&hash.len());
+        length && hash.bytes().all(|byte| byte.is_ascii_hexdigit())
+    };
+    if replaces.is_some() && replaces.filter(is_hash).is_none() {
+        let message = lang.get(SiteConfigText::BadHash).to_owned();
+        return Err(Failure::new(Code::Usage, message));
+    }
+    let replaces = replaces.map(|hash| hash.to_ascii_lowercase());
     let told = context.block(async {
         let hub = HubClient::find(named.as_deref()).await;
         let hub = hub.map_err(|problem| context.failure(&problem))?;
@@ -56,10 +71,15 @@ pub(super) fn run(context: &Context, matches: &ArgMatches, site: &str) -> Result
             site,
             stop: Stop::new(context)?,
         };
-        let wanted = sending.wanted(text, replaces).await?;
+        let wanted = sending.wanted(text, replaces.as_deref()).await?;
         let told = sending.give(&wanted, file).await?;
         let Some(version) = told.wanted.as_ref().map(|wanted| wanted.version) else {
             return Ok((told, SiteConfigText::Sent, 0));
+        };
+        let told = if waits {
+            sending.presence(told).await?
+        } else {
+            told
         };
         if told.presence != FleetPresence::Online {
             sending.note(SiteConfigText::Away, version, "");
@@ -100,27 +120,48 @@ struct Sending<'c> {
 }
 
 impl Sending<'_> {
-    /// What is to be given; in the place of what the site has now, if that is said.
-    async fn wanted(&mut self, text: String, replaces: bool) -> Result<SetSiteConfig, Failure> {
+    /// What is to be given; in the place of what the site has now, if that has this hash.
+    async fn wanted(
+        &mut self,
+        text: String,
+        replaces: Option<&str>,
+    ) -> Result<SetSiteConfig, Failure> {
         let mut wanted = SetSiteConfig {
             text,
             ..SetSiteConfig::default()
         };
-        if replaces {
+        let Some(hash) = replaces else {
+            return Ok(wanted);
+        };
+        let (hub, site) = (self.hub.clone(), self.site);
+        let now = self.stop.or(hub.config(site)).await;
+        let now = now.ok_or_else(|| stop::interrupted(self.context))?;
+        let now = now.map_err(|problem| self.context.failure(&problem))?;
+        wanted.seen = Some(now.wanted.map_or(0, |wanted| wanted.version));
+        wanted.replaces = match now.state.map(|state| state.hash) {
+            Some(now) if now.starts_with(hash) => Some(now),
+            // What it has is not known here: the site compares it.
+            None if hash.len() == HASH_LEN => Some(hash.to_owned()),
+            _ => {
+                let problem = Problem::new(codes::SITE_CONFIG_CHANGED).with("name", site);
+                return Err(self.context.failure(&problem));
+            }
+        };
+        Ok(wanted)
+    }
+
+    /// How the site is, once the centre knows whether it is there.
+    async fn presence(&mut self, mut told: FleetConfig) -> Result<FleetConfig, Failure> {
+        let since = Instant::now();
+        while told.presence == FleetPresence::Unknown && since.elapsed() < KNOWN_MAX {
+            let slept = self.stop.or(tokio::time::sleep(ASK)).await;
+            slept.ok_or_else(|| self.left(stop::interrupted(self.context)))?;
             let (hub, site) = (self.hub.clone(), self.site);
             let now = self.stop.or(hub.config(site)).await;
-            let now = now.ok_or_else(|| stop::interrupted(self.context))?;
-            match now {
-                Ok(now) => {
-                    wanted.seen = Some(now.wanted.map_or(0, |wanted| wanted.version));
-                    wanted.replaces = now.state.map(|state| state.hash);
-                }
-                // It may be given one before it comes.
-                Err(problem) if problem.code == codes::NO_SUCH_SITE.code => {}
-                Err(problem) => return Err(self.context.failure(&problem)),
-            }
+            let now = now.ok_or_else(|| self.left(stop::interrupted(self.context)))?;
+            told = now.map_err(|problem| self.left(self.context.failure(&problem)))?;
         }
-        Ok(wanted)
+        Ok(told)
     }
 
     async fn give(&mut self, wanted: &SetSiteConfig, file: &str) -> Result<FleetConfig, Failure> {

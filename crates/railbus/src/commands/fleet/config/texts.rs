@@ -5,20 +5,20 @@ railbus_words::texts! {
 
     About {
         en: "Show how far the configuration of a site is, or give it another one: it tries that \
-            for two minutes, and takes it back unless it works as before. Integrations, audit, \
-            ports and webhooks are the site's own, and stay as they are there.",
+            for two minutes, and takes it back unless it works as before. Integrations, \
+            history, audit, ports and webhooks are the site's own, and stay as they are there.",
         zh: "查看站点的配置，或用 FILE 下发新配置：站点试用两分钟，异常则恢复原配置；其中不含 \
-            audit、ports、webhooks 和集成，它们由站点自己设置。",
+            history、audit、ports、webhooks 和集成，它们由站点自己设置。",
     }
     Examples {
         en: "  railbus fleet config plant7
   railbus fleet config plant7 --text > plant7.toml
   railbus fleet config plant7 plant7.toml
-  railbus fleet config plant7 plant7.toml --replace",
+  railbus fleet config plant7 plant7.toml --replace 1a2b3c4d",
         zh: "  railbus fleet config plant7
   railbus fleet config plant7 --text > plant7.toml
   railbus fleet config plant7 plant7.toml
-  railbus fleet config plant7 plant7.toml --replace",
+  railbus fleet config plant7 plant7.toml --replace 1a2b3c4d",
     }
     File {
         en: "What its file is to say, without what is its own; - for standard input",
@@ -27,9 +27,16 @@ railbus_words::texts! {
     Now { en: "Print what the site has now", zh: "输出站点当前的配置" }
     Newest { en: "Print what the centre gave it last", zh: "输出中心最近一次下发的配置" }
     Replace {
-        en: "Replace what the site has now, also if the centre did not make that",
-        zh: "即使站点现有配置不是由中心下发的，也将其替换",
+        en: "Replace what the site has if this is its hash, also if the centre did not make it; \
+            8 digits are enough",
+        zh: "站点现有配置的哈希为此值时将其替换；前 8 位即可",
     }
+    HashNote {
+        en: "to replace this text: railbus fleet config {site} FILE --replace {hash}",
+        zh: "替换此配置：railbus fleet config {site} 文件 --replace {hash}",
+    }
+    BadHash { en: "a hash has 8 to 64 of 0-9 and a-f", zh: "哈希为 8 到 64 位 0-9 和 a-f" }
+    RowHash { en: "hash", zh: "哈希" }
     NoWait { en: "Don't wait for what becomes of it", zh: "不等待结果" }
     NoneWanted {
         en: "the centre has given {site} no configuration so far",
