@@ -180,3 +180,110 @@ impl Site {
         self.ends();
     }
 }
+
+/// It is tried again after 5 s, then twice as long each time, up to five minutes; a later version
+/// at once.
+#[test]
+fn what_fails_is_tried_again_less_and_less_often() {
+    let full = || TrialDone::Failed("disk full".to_owned());
+    let mut site = Site::new();
+    site.wants(3, "new");
+    let mut waits = Vec::new();
+    for _ in 0..9 {
+        assert_eq!(site.does(full()), check("new"));
+        assert_eq!((site.next(), site.0.user()), (None, "li"));
+        let due = site.0.deadline().expect("it is tried again");
+        waits.push((due - site.1).as_secs());
+        // How the site works counts by then.
+        assert!(site.0.needs_health());
+        site.1 = due;
+    }
+    assert_eq!(waits, [5, 10, 20, 40, 80, 160, 320, 320, 320]);
+    site.does(full());
+    site.wants(4, "newer");
+    assert_eq!(site.does(full()), check("newer"));
+    assert_eq!(site.next(), None);
+    let due = site.0.deadline().expect("it is tried again");
+    assert_eq!(due - site.1, AGAIN, "another one begins anew");
+}
+
+#[test]
+fn who_wants_it_is_known_until_it_is_in_force() {
+    let mut site = Site::new();
+    assert_eq!(site.0.user(), "");
+    site.wants(3, "new");
+    for done in [
+        TrialDone::Checked(file("new")),
+        TrialDone::Ok,
+        TrialDone::Failed("stopping".to_owned()),
+    ] {
+        let output = site.next();
+        assert!(output.is_some());
+        assert_eq!(site.0.user(), "li", "{output:?}");
+        site.0.handle(site.1, TrialInput::Done(done));
+    }
+    assert_eq!(site.0.user(), "li", "while it is undone");
+}
+
+/// What waits is not lost where the record of its trial can't be deleted, and is not wanted twice.
+#[test]
+fn what_waits_is_not_lost() {
+    let mut site = Site::new();
+    site.wants(3, "new");
+    site.checks("new");
+    site.does(TrialDone::Ok);
+    site.does(TrialDone::Changed(file("by hand")));
+    site.does(TrialDone::Failed("disk full".to_owned()));
+    let waits = ConfigPhase::Pending(3, String::new());
+    assert_eq!(site.0.phase(), waits);
+    site.wants(3, "new");
+    site.1 += AGAIN;
+    assert_eq!(site.does(TrialDone::Ok), TrialOutput::RemoveTrial);
+    assert_eq!((site.next(), site.0.phase()), (None, waits));
+    assert_eq!(site.0.file().text, "by hand");
+}
+
+/// Panics of before do not end a trial, and how the site works is looked at while it lasts.
+#[test]
+fn only_panics_during_a_trial_end_it() {
+    let panicked = |panics| TrialHealth { panics, ..well() };
+    let mut site = Site::new();
+    site.says(panicked(7));
+    site.tries(3, "new");
+    assert!(site.0.needs_health());
+    site.1 += S(1);
+    site.says(panicked(7));
+    assert_eq!(site.next(), None);
+    site.says(panicked(8));
+    assert_eq!(site.takes_back(), "a part of the program panicked");
+    assert!(!site.0.needs_health());
+}
+
+/// What comes back already has no other end, and what is undone is as it is found.
+#[test]
+fn what_is_back_already_is_said_to_be() {
+    let mut site = Site::new();
+    site.tries(3, "new");
+    site.after_trial(TrialHealth {
+        has_session: false,
+        ..well()
+    });
+    assert!(!site.0.report().is_local, "it is the centre's until then");
+    assert!(site.next().is_some());
+    assert_eq!(site.0.report().phase(), ConfigPhaseKind::Trying);
+    site.0
+        .handle(site.1, TrialInput::Done(TrialDone::Changed(file("old"))));
+    let verdict = site.ends().verdict.expect("there is one");
+    assert_eq!(verdict.kind(), TrialEndKind::RolledBack);
+    // Written, and said to have failed.
+    let mut site = Site::new();
+    site.wants(3, "new");
+    site.checks("new");
+    site.does(TrialDone::Ok);
+    site.does(TrialDone::Failed("stopping".to_owned()));
+    site.0.handle(site.1, TrialInput::File(file("new")));
+    assert!(!site.0.report().is_local);
+    assert_eq!(site.0.report().phase(), ConfigPhaseKind::Pending);
+    site.does(back("old"));
+    assert_eq!(site.0.file().text, "old");
+}
