@@ -571,7 +571,6 @@ impl ConfigTrial {
                     text: record.after.clone(),
                     hash: record.after_hash.clone(),
                 };
-                self.failures = 0;
                 self.step = TrialStep::Trying(record, now + TRIAL, before);
             }
             (TrialStep::Applying(_, wanted, _), TrialDone::Refused(why)) => {
