@@ -387,10 +387,6 @@ const REASONS: &[[&str; 2]] = &[
         "配置超过 512 KiB",
     ],
     [
-        "the newest configuration can't be read",
-        "无法读取最近下发的配置",
-    ],
-    [
         "this is no seed of a key that signs configurations",
         "不是签署配置的密钥",
     ],

@@ -251,7 +251,7 @@ impl World {
 #[test]
 fn an_unproven_text_never_stays_wherever_the_power_is_cut() {
     let (mut kept, mut back, mut cuts) = (0, 0, 0);
-    for seed in 1..=500 {
+    for seed in 1..=300 {
         let mut world = World::new(seed);
         for _ in 0..world.dice.roll(6) {
             world.left = Some(world.dice.roll(14));
@@ -280,8 +280,5 @@ fn an_unproven_text_never_stays_wherever_the_power_is_cut() {
         kept += u64::from(is_kept);
         back += u64::from(!is_kept);
     }
-    assert!(
-        kept > 75 && back > 100 && cuts > 250,
-        "{kept} {back} {cuts}"
-    );
+    assert!(kept > 45 && back > 60 && cuts > 150, "{kept} {back} {cuts}");
 }

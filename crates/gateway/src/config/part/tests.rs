@@ -2,7 +2,7 @@ use super::*;
 use crate::rights::Here;
 
 const LINE: &str = "[line.main]\nport = \"/dev/ttyS99\"\n";
-const OWN: &str = "\n[outlet.hook]\ntype = \"textline\"\nhost = \"127.0.0.1\"\nenabled = false\n";
+const OWN: &str = "\n[history]\nkeep = \"9d\"\n";
 const BY: (&str, &str) = ("hq", "li");
 
 /// A site whose file has this text, and the end of an outlet.
@@ -29,7 +29,7 @@ async fn a_part_is_applied_and_the_rest_stays() {
     let part = format!("{LINE}[module.oven]\nline = \"main\"\nmodel = \"erc8\"\naddress = 3\n");
     let whole = outlet.check(BY, read, part.clone()).await.unwrap();
     assert!(
-        whole.starts_with(&part) && whole.contains("[outlet.hook]"),
+        whole.starts_with(&part) && whole.contains("[history]"),
         "{whole}"
     );
     let change = (text.clone(), whole.clone());
@@ -60,10 +60,10 @@ async fn what_the_site_says_stays_where_a_part_is_taken_back() {
         .apply(BY, (text.clone(), whole.clone()))
         .await
         .unwrap();
-    let other = whole.replace("127.0.0.1", "127.0.0.2");
+    let other = whole.replace("9d", "8d");
     std::fs::write(here.site.desk.file(), &other).unwrap();
     let back = outlet.take_back("hq", (whole, text.clone())).await.unwrap();
-    assert_eq!(back, text.replace("127.0.0.1", "127.0.0.2"));
+    assert_eq!(back, text.replace("9d", "8d"));
     assert_eq!(outlet.read().await.unwrap(), back);
 }
 
@@ -94,7 +94,7 @@ async fn what_is_applied_has_the_permissions_of_an_engineer() {
             "[line.main]\nport = \"/srv/modem\"\n".to_owned(),
             codes::PORT_NOT_ALLOWED,
         ),
-        (format!("{LINE}{OWN}"), codes::ROLE),
+        (format!("{LINE}[audit]\nrequired = true\n"), codes::ROLE),
         ("[line.main]\nport = 7\n".to_owned(), codes::BAD_CONFIG),
     ] {
         let end = outlet.apply(BY, (LINE.to_owned(), text.clone())).await;
