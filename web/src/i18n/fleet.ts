@@ -66,6 +66,7 @@ export const fleet = {
   fleet_cfg_rolled_back: ["taken back by the site", "站点已恢复先前配置"],
   fleet_cfg_local_change: ["changed at the site since", "之后在站点本地更改"],
   fleet_cfg_interrupted: ["changed at the site while it was tried", "试用期间在站点本地更改"],
+  fleet_cfg_other: ["not known to this version of railbus", "本版本 railbus 无法识别"],
   fleet_cfg_version: ["Version {n}", "版本 {n}"],
   fleet_config_wanted: ["Version {n} was given", "已下发版本 {n}"],
   fleet_config_old: ["This is what the centre gave last, not what the site has now.", "以下为中心上次下发的内容，不一定是站点现有配置。"],
