@@ -64,7 +64,7 @@ pub struct TrialHealth {
     pub lines: BTreeSet<String>,
     /// Those of them whose port is open.
     pub lines_up: BTreeSet<String>,
-    /// Those to which somebody has exclusive access: how they and their modules are is not known.
+    /// Those under exclusive access: their state, and that of their modules, is unknown.
     pub lines_lent: BTreeSet<String>,
     /// The modules that are configured and not switched off.
     pub modules: BTreeSet<String>,
@@ -85,7 +85,7 @@ pub enum TrialInput {
     Health(TrialHealth),
     /// The file, if it was changed here.
     File(ConfigText),
-    /// What drives this ends, although the site goes on: nobody would judge what is tried.
+    /// The integration that drives this ends while the site goes on: a trial is taken back.
     Leave,
     /// The result of the last output.
     Done(TrialDone),
@@ -218,7 +218,7 @@ impl ConfigTrial {
         }
     }
 
-    /// The same as the centre is told it.
+    /// The report for the centre.
     #[must_use]
     pub fn report(&self) -> ConfigReport {
         let (phase, version, why) = match self.phase() {
@@ -469,8 +469,8 @@ impl ConfigTrial {
         }
     }
 
-    /// When the site works as it did before, at the latest; none if it does. What is lent to
-    /// somebody can't be seen.
+    /// When the site works as it did before, at the latest; none if it does. A line
+    /// under exclusive access can't be judged.
     fn settles_at(&self, now: Duration) -> Option<Duration> {
         let TrialHealth {
             lines,
@@ -600,7 +600,7 @@ impl ConfigTrial {
                 self.is_now(now, file);
                 self.record(self.managed.with(verdict));
             }
-            // It is back already, or somebody changed it here: that is what counts.
+            // It is back already, or was changed at the site: the change is kept.
             (TrialStep::Restoring(record, verdict, None), TrialDone::Changed(file)) => {
                 let is_back = file.hash == record.before_hash;
                 self.is_now(now, file);

@@ -172,7 +172,7 @@ pub fn recover(
     if managed.newest() >= trial.version || file.hash == trial.before_hash {
         return as_it_is(managed.clone());
     }
-    // Somebody has changed it here, and that is what counts.
+    // It was changed at the site: the change is kept.
     if file.hash != trial.after_hash {
         return as_it_is(managed.with(interrupted(trial.version)));
     }

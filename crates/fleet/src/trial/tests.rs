@@ -415,7 +415,7 @@ fn what_is_changed_here_is_not_overwritten_unseen() {
         (verdict.version, site.0.file().text.as_str()),
         (4, "by two hands")
     );
-    // Whoever wants it has seen that.
+    // Its author has seen that text.
     site.0.handle(site.1, over(5, "new", "by two hands"));
     site.checks("new");
     site.does(TrialDone::Ok);
@@ -472,7 +472,7 @@ fn left() -> TrialRecord {
 #[test]
 fn one_that_is_there_already_needs_no_trial() {
     let mut site = Site::new();
-    // Also where nobody says that it may be replaced, as on a machine that was set up anew.
+    // Also without consent to replace it, as on a machine that was set up anew.
     let same = WantedConfig {
         replaces: Vec::new(),
         ..wanted(3, "old")

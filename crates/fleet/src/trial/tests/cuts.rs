@@ -116,7 +116,7 @@ impl World {
         self.write(|disk| disk.trial = None)
     }
 
-    /// What drives it begins: it is told what is on the disk.
+    /// The integration starts, with what is on the disk.
     fn begins(&mut self) -> ConfigTrial {
         let Disk { trial, managed, .. } = self.disk.clone();
         let mut site = ConfigTrial::new(managed, self.disk.file(), trial);

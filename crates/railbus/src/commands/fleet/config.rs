@@ -7,7 +7,7 @@ use super::enrol::OUTPUT;
 use super::ls::ago;
 use super::{FleetText, commands};
 use crate::args;
-use crate::commands::Context;
+use crate::commands::{Context, hex};
 use clap::{Arg, ArgAction, ArgMatches, Command};
 use railbus_api::fleet::{FleetConfig, FleetConfigPhase, FleetConfigState, FleetPresence};
 use railbus_app::failure::Failure;
@@ -195,11 +195,8 @@ fn why(context: &Context, state: &FleetConfigState) -> Vec<String> {
         state.phase,
         FleetConfigPhase::LocalChange | FleetConfigPhase::Interrupted | FleetConfigPhase::Trying
     );
-    // What says nothing is nobody's.
-    let none: String = part_hash("")
-        .iter()
-        .map(|byte| format!("{byte:02x}"))
-        .collect();
+    // An empty text was made by nobody.
+    let none = hex(&part_hash(""));
     if state.changed_at_site && state.hash != none && !is_told {
         all.push(lang.get(SiteConfigText::NotTheCentres).to_owned());
     }
