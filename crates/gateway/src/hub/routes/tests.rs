@@ -26,6 +26,11 @@ struct Here {
 }
 
 impl Here {
+    /// What was asked of the driver, by whom.
+    fn asked(&mut self) -> Vec<String> {
+        std::iter::from_fn(|| self.users.try_recv().ok()).collect()
+    }
+
     fn new(name: &str) -> Here {
         let unique = format!("railbus-hub-{}-{name}", std::process::id());
         let folder = std::env::temp_dir().join(unique);
@@ -328,11 +333,7 @@ async fn an_engineer_sets_the_groups_of_a_site() {
         let told = here.send(false, ("PUT", path), &[], body).await;
         assert_eq!(json_of(told).await["code"], "E0806", "{body}");
     }
-    let mut asked = Vec::new();
-    while let Ok(told) = here.users.try_recv() {
-        asked.push(told);
-    }
-    assert_eq!(asked, ["plant7: north hall-9"]);
+    assert_eq!(here.asked(), ["plant7: north hall-9"]);
 }
 
 #[tokio::test]
@@ -387,11 +388,7 @@ async fn an_engineer_configures_a_site() {
         let told = json_of(told).await;
         assert_eq!(told["code"], code, "{site}: {}", told);
     }
-    let mut asked = Vec::new();
-    while let Ok(told) = here.users.try_recv() {
-        asked.push(told);
-    }
-    assert_eq!(asked, ["token:eng for plant7"]);
+    assert_eq!(here.asked(), ["token:eng for plant7"]);
 }
 
 #[tokio::test]
