@@ -71,6 +71,7 @@ for (const look of LOOKS) {
       await page.goto(`${fleet.origin}/sites/plant3/config`);
       await page.getByText(t("fleet_cfg_none"), { exact: true }).waitFor();
       await page.getByText("E0942").waitFor();
+      await page.getByRole("button", { name: t("retry"), exact: true }).waitFor();
       await shot(page, `none-${look.lang}-${look.width}`);
       assert.deepEqual(await faults(page), []);
       assert.deepEqual(wrong.filter((one) => !/409|422/.test(one)), []);

@@ -2,6 +2,7 @@ import type { Pair } from "./index.svelte";
 
 /** The frame around every page, and words that many pages use. */
 export const frame = {
+  retry: ["Try again", "重试"],
   nav: ["Pages", "页面"],
   nav_overview: ["Overview", "总览"],
   nav_lines: ["Lines", "总线"],

@@ -38,7 +38,6 @@ export const trends = {
   unknown_value: ["unknown", "未知"],
   no_history: ["No history yet.", "所选内容尚无历史记录。"],
   who_switched: ["Switching log", "操作记录"],
-  retry: ["Try again", "重试"],
   not_offered: ["Not supported by this version.", "此版本不支持该功能。"],
   not_allowed: ["You don't have permission.", "您的权限不能查看此内容。"],
 } as const satisfies Record<string, Pair>;
